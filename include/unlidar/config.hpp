@@ -114,6 +114,7 @@ enum class Rule {
   kSurge,            // [S] plots while the clutter changes,
   kSuspended,        // suspended objects,
   kCloud,            // steam, smoke, dust,
+  kGrowth,           // which grow, as a body does not,
   kInsect            // targets narrower than any drone
 };
 

@@ -16,8 +16,21 @@ namespace {
 // Standard deviation per axis across the motion: a quarter of the width for a flat disc seen from
 // above. Drones of 0.8 m have 0.18 m, puffs of steam mostly 0.3 to 0.6 m.
 constexpr double kWidestDroneM = 0.35;
-// Half way between drones and puffs of steam: no narrower target has been a piece of a cloud.
+// Half way between drones and puffs of steam: no narrower target has been a piece of one.
 constexpr double kCertainDroneM = 0.25;
+// A cloud spreads, a body does not. Dust that is watched for some seconds has 0.2 m and more in its
+// last third. Drones of 0.6 m and less have 0.1 m at most, of which noise and the fit, that may
+// grow as well, are a part.
+constexpr double kGrownM = 0.15;
+constexpr double kGrowsWithinS = 3.0;
+// Flat drones of 1.6 m grow by this ratio of squared widths as they turn and are seen from other
+// sides.
+constexpr double kGrowthOfViews = 2.0;
+constexpr double kGrowthSigmas = 2.0;
+// Part of the growth, of the logarithm, that the middle third has: more than half of it if the
+// width grows linearly. A drone that enters a cloud at the end, or whose path does, has nothing of
+// it.
+constexpr double kMiddleShare = 1.0 / 3.0;
 // The smallest drones are 8 cm wide: 0.023 m. An insect of 3 cm has 0.01 m and the angular noise
 // near the sensor, drones of 0.2 m and more have 0.05 to 0.15 m. With this number of returns, not
 // counting the first of each frame, a drone of 0.05 m passes for an insect less often than 1 in
@@ -45,12 +58,12 @@ double Cube(double x) { return x * x * x; }
 
 // Shape of a target of a recording, from its own returns and those about it.
 Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& station_models,
-              const std::vector<Plot>& plots, const Target& target) {
+              const std::vector<Plot>& plots, const Target& target, const RobustConfig& config) {
   const auto is_earlier = [](const Plot& plot, TimeNs time_ns) {
     return plot.frame_time_ns < time_ns;
   };
   const Trajectory& trajectory = target.trajectory;
-  Shape shape;
+  Shape shape(config);
   std::vector<std::uint32_t> returns;
   std::vector<ReturnCluster> clusters;
   auto own = target.returns.begin();
@@ -125,7 +138,10 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
     within_.Add({centred.count - 1.0, std::max(centred.sum_m2 - of_mean_m2, 0.0)});
   }
   const double weight = kMaxReturnsOfFrame / std::max(kMaxReturnsOfFrame, own.count + near.count);
-  own_.Add(own, weight);
+  if (own.count > 0.0) {
+    own_.push_back({at.time_ns, Tally()});
+    own_.back().tally.Add(own, weight);
+  }
   near_.Add(near, weight);
   strays_ += weight * strays;
   strays_before_ += weight * strays_before;
@@ -144,8 +160,40 @@ double Shape::SpreadM() const {
   Tally body = near_;
   body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -NumStraysNear());
   body = {std::max(body.count, 0.0), std::max(body.sum_m2, 0.0)};
-  body.Add(own_);
+  for (const OwnFrame& frame : own_) body.Add(frame.tally);
   return body.count > 0.0 ? std::sqrt(body.sum_m2 / body.count) : 0.0;
+}
+
+Shape::Thirds Shape::ThirdsOfOwn() const {
+  Thirds thirds;
+  if (own_.empty()) return thirds;
+  const auto [first, last] = std::minmax_element(
+      own_.begin(), own_.end(),
+      [](const OwnFrame& a, const OwnFrame& b) { return a.time_ns < b.time_ns; });
+  const TimeNs third_ns = (last->time_ns - first->time_ns) / 3;
+  thirds.observed_s = static_cast<double>(last->time_ns - first->time_ns) * kSecondsPerNs;
+  for (const OwnFrame& frame : own_) {
+    const bool is_early = frame.time_ns - first->time_ns <= third_ns;
+    const bool is_late = last->time_ns - frame.time_ns <= third_ns;
+    (is_early ? thirds.first : is_late ? thirds.last : thirds.middle).Add(frame.tally);
+  }
+  return thirds;
+}
+
+bool Shape::HasGrown(double ratio) const {
+  const Thirds thirds = ThirdsOfOwn();
+  if (thirds.last.MeanM2() < kGrownM * kGrownM) return false;
+  const double first_m2 = std::max(thirds.first.MeanM2(), kNarrowestDroneM * kNarrowestDroneM);
+  const double growth = std::log(thirds.last.MeanM2() / first_m2);
+  // The mean of n squares on two axes has a relative standard error of n^(-1/2).
+  const double error = std::sqrt(1.0 / thirds.first.count + 1.0 / thirds.last.count);
+  return growth > std::log(ratio) + kGrowthSigmas * error &&
+         thirds.middle.MeanM2() > first_m2 * std::exp(kMiddleShare * growth);
+}
+
+bool Shape::StaysNarrow() const {
+  const Thirds thirds = ThirdsOfOwn();
+  return thirds.observed_s > kGrowsWithinS && thirds.last.MeanM2() < kGrownM * kGrownM;
 }
 
 bool Shape::IsPartOf(const std::vector<const Shape*>& clouds) const {
@@ -169,17 +217,21 @@ bool Shape::IsInsect() const {
          within_.sum_m2 < kNarrowestDroneM * kNarrowestDroneM * within_.count;
 }
 
-bool Shape::MayBeCloud() const { return SpreadM() > kCertainDroneM; }
+bool Shape::MayBeCloud() const {
+  return SpreadM() > kCertainDroneM || (uses_growth_ && HasGrown(1.0));
+}
 
 void Shape::Clear() {
-  own_ = near_ = within_ = Tally();
+  near_ = within_ = Tally();
   strays_ = strays_before_ = 0.0;
+  own_.clear();
   path_.clear();
   returns_.clear();
 }
 
 bool Shape::IsCloud(const std::vector<const Shape*>& clouds) const {
-  return SpreadM() > kWidestDroneM || IsPartOf(clouds);
+  if (SpreadM() > kWidestDroneM || (uses_growth_ && HasGrown(kGrowthOfViews))) return true;
+  return !(uses_growth_ && StaysNarrow()) && IsPartOf(clouds);
 }
 
 std::vector<Rejection> ShapeRejections(const Recording& recording,
@@ -190,7 +242,7 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
   std::vector<Shape> shapes;
   shapes.reserve(targets.size());
   for (const Target& target : targets) {
-    shapes.push_back(ShapeOf(recording, station_models, plots, target));
+    shapes.push_back(ShapeOf(recording, station_models, plots, target, config));
   }
   std::vector<Rejection> rejections(targets.size(), Rejection::kNone);
   for (std::size_t t = 0; t < targets.size(); ++t) {

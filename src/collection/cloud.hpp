@@ -27,11 +27,13 @@ struct ReturnCluster {
 // Extent of a target and of the returns about it along its trajectory.
 class Shape {
  public:
+  explicit Shape(const RobustConfig& config) : uses_growth_(config.Uses(Rule::kGrowth)) {}
+
   // Adds a frame. `at`: the target at its middle; `clusters`: the returns of the frame in the air.
   void Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
            const std::vector<ReturnCluster>& clusters);
 
-  // True if it is wider than any drone, or a piece of one of these clouds.
+  // True if it is wider than any drone, grows, or is a piece of one of these clouds.
   bool IsCloud(const std::vector<const Shape*>& clouds) const;
 
   // True if its returns lie closer together than those of any drone.
@@ -54,6 +56,7 @@ class Shape {
       count += weight * more.count;
       sum_m2 += weight * more.sum_m2;
     }
+    double MeanM2() const { return count > 0.0 ? sum_m2 / count : 0.0; }
   };
 
   // Position and velocity at one time.
@@ -61,6 +64,29 @@ class Shape {
     Eigen::Vector3d position_m;
     Eigen::Vector3d velocity_mps;
   };
+
+  // Own returns of one frame.
+  struct OwnFrame {
+    TimeNs time_ns;
+    Tally tally;
+  };
+
+  // Own returns in each third of the time in which there were any.
+  struct Thirds {
+    Tally first;
+    Tally middle;
+    Tally last;
+    double observed_s = 0.0;
+  };
+
+  Thirds ThirdsOfOwn() const;
+
+  // True if the squared width has grown steadily: in the last third it is, by two standard errors,
+  // more than `ratio` times that in the first, and in the middle third it is on the way.
+  bool HasGrown(double ratio) const;
+
+  // True if it was watched for as long as a cloud takes to grow, and is still narrow.
+  bool StaysNarrow() const;
 
   // Returns how many of the returns near the target are strays, as those farther about it tell.
   double NumStraysNear() const;
@@ -72,7 +98,8 @@ class Shape {
   // True if most of its path lies near returns of a cloud, at any time, with a similar velocity.
   bool IsPartOf(const std::vector<const Shape*>& clouds) const;
 
-  Tally own_;
+  bool uses_growth_;
+  std::vector<OwnFrame> own_;
   Tally near_;                     // other returns near it
   Tally within_;                   // own returns less one per frame, about the means of the frames
   double strays_ = 0.0;            // all about it
@@ -84,7 +111,8 @@ class Shape {
 // Returns kCloud, kInsect or kNone (targets). Cloud: the returns about the target at the same time,
 // less the strays expected from farther about it, are wider than any drone. A cloud comes in many
 // pieces, one after another on nearly the same path, which look like drones while they are small; a
-// target that stays where a cloud is at any time is therefore a piece of it. Insect: the returns of
+// target that stays where a cloud is at any time is therefore a piece of it, unless it stays narrow
+// for longer than they do. A cloud is also what grows, as a body does not. Insect: the returns of
 // a frame are closer together than those of any drone. `plots`: in order of time; `station_models`:
 // (sensors).
 std::vector<Rejection> ShapeRejections(const Recording& recording,

@@ -108,6 +108,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"sway", Rule::kSway},
                        {"suspended", Rule::kSuspended},
                        {"cloud", Rule::kCloud},
+                       {"growth", Rule::kGrowth},
                        {"insect", Rule::kInsect}}}});
 
   auto& background = robust.background;

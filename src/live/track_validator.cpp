@@ -57,7 +57,7 @@ TrackValidator::Verdict TrackValidator::Judge(int number, const TrackFollower& f
 
 Rejection TrackValidator::ShapeRejection(int number, double time_s) {
   if (config_.Uses(Rule::kCloud) && IsCloud(number, time_s)) {
-    clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
+    clouds_.push_back({number, time_s, std::exchange(shape_, Shape(config_))});
     return Rejection::kCloud;
   }
   return config_.Uses(Rule::kInsect) && shape_.IsInsect() ? Rejection::kInsect : Rejection::kNone;

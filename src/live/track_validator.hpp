@@ -20,7 +20,7 @@ class TrackValidator {
   // `window_s`: how long the shape of a cloud is compared with those of other tracks. `config` must
   // outlive it.
   TrackValidator(const RobustConfig& config, double window_s)
-      : config_(config), window_s_(window_s) {}
+      : config_(config), window_s_(window_s), shape_(config) {}
 
   struct Verdict {
     Rejection rejection = Rejection::kNone;  // kNone: a drone; otherwise it waits

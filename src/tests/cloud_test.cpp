@@ -25,12 +25,20 @@ struct Thing {
   double to_s;
   double spread_m;
   std::function<Eigen::Vector3d(double time_s)> at;
+  double growth_mps = 0.0;
 };
 
 Thing Puff(double from_s, double spread_m) {
   return {from_s, from_s + 4.0, spread_m, [from_s](double time_s) {
             return Eigen::Vector3d(kChimneyM + (time_s - from_s) * kWindMps);
           }};
+}
+
+// Narrow at first, and no wider than a drone on average.
+Thing Dust() {
+  Thing puff = Puff(0.0, 0.08);
+  puff.growth_mps = 0.07;
+  return puff;
 }
 
 Thing Drone(const Eigen::Vector3d& from_m, const Eigen::Vector3d& velocity_mps) {
@@ -52,7 +60,9 @@ class Sky {
       const double time_s = MiddleS(i);
       for (std::size_t k = 0; k < things.size(); ++k) {
         if (time_s < things[k].from_s || time_s > things[k].to_s) continue;
-        maker_.AddBlob(things[k].at(time_s), things[k].spread_m, 3, static_cast<int>(k));
+        const double spread_m =
+            things[k].spread_m + (time_s - things[k].from_s) * things[k].growth_mps;
+        maker_.AddBlob(things[k].at(time_s), spread_m, 3, static_cast<int>(k));
       }
       for (int k = 0; k < strays; ++k) {
         const Eigen::Vector3d at = maker_.random.InBox(middle - half, middle + half);
@@ -64,10 +74,10 @@ class Sky {
   }
 
   // By the order of the things.
-  std::vector<double> Kept() const {
+  std::vector<double> Kept(const RobustConfig& config = RobustConfig()) const {
     const std::vector<StationModel> station_models = {{Eigen::Vector3f::Zero(), nullptr, nullptr}};
     const std::vector<Rejection> rejections =
-        ShapeRejections(maker_.recording, station_models, Plots(), targets_, RobustConfig());
+        ShapeRejections(maker_.recording, station_models, Plots(), targets_, config);
     std::vector<double> kept;
     for (std::size_t t = 0; t < targets_.size(); ++t) {
       if (rejections[t] == Rejection::kNone) kept.push_back(targets_[t].score);
@@ -129,8 +139,35 @@ TEST(ShapeRejections, WhatLiesWiderThanADroneIsNone) {
 }
 
 TEST(ShapeRejections, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
+  Thing piece = Puff(4.0, 0.1);
+  piece.to_s = 6.0;
+  EXPECT_EQ(Sky({piece, Puff(0.0, 0.6)}).Kept(), std::vector<double>());
+}
+
+TEST(ShapeRejections, WhatStaysNarrowForLongerThanPiecesOfACloudIsNone) {
   const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.6)});
+  EXPECT_EQ(sky.Kept(), std::vector<double>({0}));
+  RobustConfig without;
+  without.disabled_rules = {Rule::kGrowth};
+  EXPECT_EQ(sky.Kept(without), std::vector<double>());
+}
+
+TEST(ShapeRejections, WhatGrowsIsACloudBeforeItIsWide) {
+  const Sky sky({Dust()});
   EXPECT_EQ(sky.Kept(), std::vector<double>());
+  RobustConfig without;
+  without.disabled_rules = {Rule::kGrowth};
+  EXPECT_EQ(sky.Kept(without), std::vector<double>({0}));
+}
+
+TEST(ShapeRejections, AWideBodyDoesNotGrow) {
+  EXPECT_EQ(Sky({Puff(0.0, 0.25)}).Kept(), std::vector<double>({0}));
+}
+
+TEST(ShapeRejections, ASmallBodyMayGrowAsNoiseDoes) {
+  Thing drone = Puff(0.0, 0.03);
+  drone.growth_mps = 0.02;
+  EXPECT_EQ(Sky({drone}).Kept(), std::vector<double>({0}));
 }
 
 TEST(ShapeRejections, ASmallThingWithoutACloudIsADrone) {

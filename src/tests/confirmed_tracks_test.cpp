@@ -409,14 +409,22 @@ TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   EXPECT_EQ(t.traced.back().rejection, Rejection::kLost);
 }
 
-// A puff of steam on the way of DroneAt: its returns lie wide.
-LivePlot PuffAt(int i) {
+// Something of this width on the way of DroneAt.
+LivePlot SpreadAt(int i, double spread_m) {
   LivePlot seen = DroneAt(i);
-  constexpr double kSpreadM = 0.6;
-  seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * kSpreadM * kSpreadM *
+  seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * spread_m * spread_m *
                     Eigen::Matrix3d::Identity();
   return seen;
 }
+
+// A puff of steam: its returns lie wide.
+LivePlot PuffAt(int i) { return SpreadAt(i, 0.6); }
+
+// Dust that is no wider than a drone for some seconds.
+LivePlot DustAt(int i) { return SpreadAt(i, 0.05 + 0.008 * i); }
+
+// Dust that grows slowly.
+LivePlot SlowDustAt(int i) { return SpreadAt(i, 0.1 + 0.004 * i); }
 
 // A target too small for a drone.
 LivePlot InsectAt(int i) {
@@ -480,6 +488,7 @@ TEST(ConfirmedTracks, TheTraceNamesTheRuleForWhichATrackHasNoRows) {
     TrackState state;
     Rejection rejection;
   } cases[] = {{PuffAt, Rule::kCloud, TrackState::kRejected, Rejection::kCloud},
+               {DustAt, Rule::kGrowth, TrackState::kRejected, Rejection::kCloud},
                {InsectAt, Rule::kInsect, TrackState::kRejected, Rejection::kInsect},
                {HangingAt, Rule::kSuspended, TrackState::kWaiting, Rejection::kSuspended}};
   for (const auto& [plot_at, rule, state, rejection] : cases) {
@@ -489,6 +498,14 @@ TEST(ConfirmedTracks, TheTraceNamesTheRuleForWhichATrackHasNoRows) {
     without.robust.disabled_rules = {rule};
     EXPECT_EQ(StatesOf(plot_at, without), (States{begun, confirmed, closed})) << NameOf(rejection);
   }
+}
+
+TEST(ConfirmedTracks, WhatHasGrownALittleWaits) {
+  const std::pair begun(TrackState::kInitiated, Rejection::kNone);
+  const std::pair waits(TrackState::kWaiting, Rejection::kCloud);
+  const std::pair refused(TrackState::kRejected, Rejection::kCloud);
+  const std::pair closed(TrackState::kDeleted, Rejection::kNone);
+  EXPECT_EQ(StatesOf(SlowDustAt), (std::vector{begun, waits, refused, closed}));
 }
 
 TEST(ConfirmedTracks, AFlightScoresTheSameBeforeAndAfterATrackHasIt) {
@@ -530,7 +547,7 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
   Flight piece;
   Flight drone;
   for (int i = 0; i < 20; ++i) {
-    Append(PlotAt(kLater + i, growing_at(kGrows + i).plot.position_m), &piece);
+    Append(PlotAt(kLater + i, growing_at(kGrows - 20 + i).plot.position_m), &piece);
     Append(OtherAt(kLater + i), &drone);
     t.tracks.AddInstants(FrameAt(kLater + i));
   }

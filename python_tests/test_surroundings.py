@@ -33,11 +33,6 @@ UNSOLVED = {
         "recording",
         2,
     ): "far puffs give two returns a frame, too few to see how wide they are",
-    (
-        "steam",
-        "recording",
-        1,
-    ): "of two puffs on one way the wide one, which would show the other to be steam, is no path",
 }
 CASES = list(itertools.product(PLACES, WAYS, SEEDS))
 

@@ -193,7 +193,9 @@ bool Shape::HasGrown(double ratio) const {
 
 bool Shape::StaysNarrow() const {
   const Thirds thirds = ThirdsOfOwn();
-  return thirds.observed_s > kGrowsWithinS && thirds.last.MeanM2() < kGrownM * kGrownM;
+  const double error = 1.0 / std::sqrt(thirds.last.count);
+  const double most_m2 = thirds.last.MeanM2() * std::exp(kGrowthSigmas * error);
+  return thirds.observed_s > kGrowsWithinS && most_m2 < kGrownM * kGrownM;
 }
 
 bool Shape::IsPartOf(const std::vector<const Shape*>& clouds) const {

@@ -85,7 +85,7 @@ class Shape {
   // more than `ratio` times that in the first, and in the middle third it is on the way.
   bool HasGrown(double ratio) const;
 
-  // True if it was watched for as long as a cloud takes to grow, and is still narrow.
+  // True if it was watched for as long as a cloud takes to grow, and is certainly still narrow.
   bool StaysNarrow() const;
 
   // Returns how many of the returns near the target are strays, as those farther about it tell.

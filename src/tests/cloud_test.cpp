@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <vector>
@@ -26,6 +27,7 @@ struct Thing {
   double spread_m;
   std::function<Eigen::Vector3d(double time_s)> at;
   double growth_mps = 0.0;
+  double grows_after_s = 0.0;
 };
 
 Thing Puff(double from_s, double spread_m) {
@@ -60,8 +62,9 @@ class Sky {
       const double time_s = MiddleS(i);
       for (std::size_t k = 0; k < things.size(); ++k) {
         if (time_s < things[k].from_s || time_s > things[k].to_s) continue;
-        const double spread_m =
-            things[k].spread_m + (time_s - things[k].from_s) * things[k].growth_mps;
+        const double spread_m = things[k].spread_m +
+                                std::max(time_s - things[k].from_s - things[k].grows_after_s, 0.0) *
+                                    things[k].growth_mps;
         maker_.AddBlob(things[k].at(time_s), spread_m, 3, static_cast<int>(k));
       }
       for (int k = 0; k < strays; ++k) {
@@ -162,6 +165,14 @@ TEST(ShapeRejections, WhatGrowsIsACloudBeforeItIsWide) {
 
 TEST(ShapeRejections, AWideBodyDoesNotGrow) {
   EXPECT_EQ(Sky({Puff(0.0, 0.25)}).Kept(), std::vector<double>({0}));
+}
+
+TEST(ShapeRejections, WhatIsWideAtItsEndAloneHasNotGrown) {
+  Thing drone = Puff(0.0, 0.08);
+  drone.to_s = 6.0;
+  drone.growth_mps = 0.5;
+  drone.grows_after_s = 4.2;
+  EXPECT_EQ(Sky({drone}).Kept(), std::vector<double>({0}));
 }
 
 TEST(ShapeRejections, ASmallBodyMayGrowAsNoiseDoes) {

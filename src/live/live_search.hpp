@@ -56,6 +56,7 @@ class LiveSearch {
   Rejection StandingRejection(const Path& path);
 
   // Lets the verdict on such a path stand for what extends it, until it has grown by a good part.
+  // One for want of detections never stands.
   void LetStand(Rejection rejection, const Path& path);
 
   // Returns such a path without the short stretches of plots that lower its score, valid until the

@@ -305,6 +305,20 @@ TEST(LiveSearch, AVerdictStandsUntilAPathHasGrownByATenthOrByAPath) {
   EXPECT_GT(num_judged, 20U);
 }
 
+TEST(LiveSearch, ThatAPathHasTooFewDetectionsStandsForNoneThatItGets) {
+  for (const Rejection rejection : {Rejection::kTooFewDetections, Rejection::kWeakReturn}) {
+    Plots plots;
+    Rejection standing = Rejection::kNone;
+    for (int i = 0; i < 60; ++i) {
+      const Queue<Path>& paths = plots.Add(i, {3.0 * testing::MiddleS(i), 0.0, kRangeM});
+      if (i == 58) plots.search().LetStand(rejection, paths.front());
+      if (i == 59) standing = plots.search().StandingRejection(paths.front());
+    }
+    const bool stands = rejection != Rejection::kTooFewDetections;
+    EXPECT_EQ(standing, stands ? rejection : Rejection::kNone);
+  }
+}
+
 TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {
   const Config config;
   Plots plots(config);

@@ -1,6 +1,5 @@
 #include "collection/common_time_error.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "base/maths.hpp"
@@ -11,14 +10,6 @@ namespace {
 // Spread of the returns of a body at rest along one axis, body and noise together.
 constexpr double kMinWidthM = 0.02;
 constexpr double kMaxWidthM = 0.5;
-
-template <std::size_t kSize>
-double LogSum(const std::array<double, kSize>& logs) {
-  const double most = *std::max_element(logs.begin(), logs.end());
-  double sum = 0.0;
-  for (const double log : logs) sum += std::exp(log - most);
-  return most + std::log(sum);
-}
 
 }  // namespace
 

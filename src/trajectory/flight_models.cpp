@@ -1,6 +1,5 @@
 #include "trajectory/flight_models.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "base/maths.hpp"
@@ -105,14 +104,6 @@ double PlaneCauchyDensity(double length_squared, double scale_squared) {
 double LogOf(double density, double outlier_density) {
   return kIndependentShare *
          std::log((1.0 - kOutlierShare) * density + kOutlierShare * outlier_density);
-}
-
-template <class Values>
-double LogSum(const Values& logs) {
-  const double most = *std::max_element(logs.begin(), logs.end());
-  double sum = 0.0;
-  for (const double log : logs) sum += std::exp(log - most);
-  return most + std::log(sum);
 }
 
 template <std::size_t kSize>

@@ -128,8 +128,8 @@ double HiddenShare(double num_before, double num_behind, double expected) {
   return std::max((num_before + expected) / (num_before + num_behind + 1.0), kMinHidden);
 }
 
-// The same below all plots of a path: many sensors have few returns there in a frame, and a wall or
-// a hedge is longer than a car.
+// Share of the lines of sight to the room below a whole path that end before it: many sensors have
+// few returns there in a frame, and a wall or a hedge is longer than a car.
 double HiddenShareBelow(const std::vector<Plot>& path) {
   double num_before = 0.0;
   double num_behind = 0.0;

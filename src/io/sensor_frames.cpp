@@ -92,7 +92,6 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   const std::vector<Eigen::Vector3f> rows = std::move(cloud.points_m);
   frame->cloud = std::move(cloud);
   frame->return_rows.clear();
-  frame->turn_shares.clear();
   frame->points_m.clear();
   frame->times_ns.clear();
   frame->counts = InputCounts();
@@ -106,7 +105,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   const std::size_t most =
       rows.size() - static_cast<std::size_t>(std::count_if(rows.begin(), rows.end(), is_no_return));
   MakeRoomFor(most, &frame->points_m);
-  MakeRoomFor(most, &frame->return_rows);
+  if (is_timed) MakeRoomFor(most, &frame->return_rows);
   for (std::size_t row = 0; row < rows.size(); ++row) {
     if (is_no_return(rows[row])) {  // tested first: nine of ten rays at the sky
       ++counts.no_return_rows;
@@ -124,11 +123,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
       continue;
     }
     frame->points_m.push_back((rotation * point_m + sensor_.translation_m).cast<float>());
-    frame->return_rows.push_back(static_cast<std::uint32_t>(row));
-  }
-  if (!is_timed) {
-    MakeRoomFor(most, &frame->turn_shares);
-    FindTurnShares(rows, frame->return_rows, &frame->turn_shares);
+    if (is_timed) frame->return_rows.push_back(static_cast<std::uint32_t>(row));
   }
   counts.returns = frame->points_m.size();
   counts.empty_frames = frame->points_m.empty() ? 1 : 0;
@@ -137,7 +132,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
     if (!first_return_ns_) first_return_ns_ = frame->file.stamp_ns;
     returns_for_ns_ = frame->file.stamp_ns - *first_return_ns_;
   }
-  if (reading_ || !is_timed || frame->return_rows.empty()) return;
+  if (reading_ || frame->return_rows.empty()) return;
   for (const std::uint32_t row : frame->return_rows) {
     vote_.Add(RawTimeOf(frame->cloud, row), frame->file.stamp_ns);
   }
@@ -200,13 +195,10 @@ void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
   info.end_ns = info.begin_ns + length_ns;
   MakeRoomFor(frame.points_m.size(), &frame.times_ns);
   if (frame.cloud.time_kind == PcdTimeKind::kNone) {
-    frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
-    const double length_s = static_cast<double>(length_ns) * kSecondsPerNs;
-    if (frame.turn_shares.empty() || length_s > kLongestFrameS) return;
-    info.is_timed = true;
-    std::transform(
-        frame.turn_shares.begin(), frame.turn_shares.end(), frame.times_ns.begin(),
-        [&](float share) { return info.begin_ns + NsOf(static_cast<double>(share) * length_s); });
+    const bool is_short = static_cast<double>(length_ns) * kSecondsPerNs <= kLongestFrameS;
+    info.is_timed = is_short && SetTimesOfTurn(frame.points_m, sensor_, info.begin_ns, info.end_ns,
+                                               &frame.times_ns);
+    if (!info.is_timed) frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
     return;
   }
   info.is_timed = true;

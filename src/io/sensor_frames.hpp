@@ -25,8 +25,7 @@ namespace unlidar {
 struct LoadedFrame {
   FrameFile file;
   PcdCloud cloud;                          // times of all rows; its points were moved out
-  std::vector<std::uint32_t> return_rows;  // (N) rows of the returns
-  std::vector<float> turn_shares;          // (N) without point times, or none: FindTurnShares()
+  std::vector<std::uint32_t> return_rows;  // (N) rows of the returns; none without point times
   std::vector<Eigen::Vector3f> points_m;   // (N)
   std::vector<TimeNs> times_ns;            // (N)
   InputCounts counts;

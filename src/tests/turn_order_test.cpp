@@ -11,21 +11,25 @@
 #include <vector>
 
 #include "base/angles.hpp"
+#include "base/pose_history.hpp"
 
 namespace unlidar {
 namespace {
 
 struct Scan {
-  std::vector<Eigen::Vector3f> rows;
-  std::vector<float> shares;  // true ones
+  std::vector<Eigen::Vector3f> points_m;
+  std::vector<double> shares;  // of the frame, true ones
 
-  std::vector<float> Found() const {
-    std::vector<std::uint32_t> return_rows;
-    for (std::uint32_t row = 0; row < rows.size(); ++row) {
-      if (!rows[row].isZero()) return_rows.push_back(row);
+  // Shares of the frame that are told by the order; none if nothing is.
+  std::vector<double> Found(const SensorConfig& sensor = {}) const {
+    constexpr TimeNs kBeginNs = 7'000'000'000;
+    constexpr TimeNs kLengthNs = 100'000'000;
+    std::vector<TimeNs> times_ns = {kBeginNs};  // of an earlier frame
+    if (!SetTimesOfTurn(points_m, sensor, kBeginNs, kBeginNs + kLengthNs, &times_ns)) return {};
+    std::vector<double> found;
+    for (const TimeNs time_ns : times_ns) {
+      found.push_back(static_cast<double>(time_ns - kBeginNs) / static_cast<double>(kLengthNs));
     }
-    std::vector<float> found = {0.5F};  // of an earlier frame
-    FindTurnShares(rows, return_rows, &found);
     return found;
   }
 };
@@ -50,8 +54,10 @@ Scan Turn(double from_rad, double turn_rad, double least_share) {
     for (int beam = 0; beam < 16; ++beam) {
       const double ahead_rad = (beam % 4 - 1.5) * 2.0 * kRadPerDeg;
       const double range_m = uniform(random) < returned ? 5.0 + 40.0 * uniform(random) : 0.0;
-      scan.rows.push_back(At(from_rad + share * turn_rad + ahead_rad, (beam - 8) * 0.03, range_m));
-      if (range_m > 0.0) scan.shares.push_back(static_cast<float>(share));
+      if (range_m == 0.0) continue;
+      scan.points_m.push_back(
+          At(from_rad + share * turn_rad + ahead_rad, (beam - 8) * 0.03, range_m));
+      scan.shares.push_back(share);
     }
   }
   return scan;
@@ -62,18 +68,34 @@ TEST(TurnOrder, TellsTheTimesOfALidarThatTurnsEitherWayFromAnywhere) {
     for (const double from_rad : {-3.0, 0.0, 1.5, 3.1}) {
       for (const double least_share : {1.0, 0.2, 0.02}) {
         const Scan scan = Turn(from_rad, turn_rad, least_share);
-        const std::vector<float> found = scan.Found();
+        const std::vector<double> found = scan.Found();
         ASSERT_EQ(found.size(), scan.shares.size()) << turn_rad << ' ' << from_rad;
         double mean = 0.0;
         for (std::size_t i = 0; i < found.size(); ++i) {
           // Beams of one shot are up to 3 degrees, 0.8 % of a turn, ahead; so may be the ends.
-          EXPECT_NEAR(found[i], scan.shares[i], 0.018F);
+          EXPECT_NEAR(found[i], scan.shares[i], 0.018);
           mean += (found[i] - scan.shares[i]) / static_cast<double>(found.size());
         }
         EXPECT_NEAR(mean, 0.0, 0.009);
       }
     }
   }
+}
+
+TEST(TurnOrder, IsThatAboutTheAxisOfTheSensorHoweverItIsMounted) {
+  SensorConfig sensor;
+  sensor.rotation_xyzw = {0.5, 0.5, 0.5, 0.5};
+  sensor.translation_m = {3.0, -20.0, 1.5};
+  const Scan level = Turn(1.5, -2.0 * M_PI, 0.2);
+  Scan mounted;
+  for (const Eigen::Vector3f& point_m : level.points_m) {
+    const Eigen::Vector3d turned_m = RotationOf(sensor.rotation_xyzw) * point_m.cast<double>();
+    mounted.points_m.push_back((turned_m + sensor.translation_m).cast<float>());
+  }
+  const std::vector<double> expected = level.Found();
+  const std::vector<double> found = mounted.Found(sensor);
+  ASSERT_EQ(found.size(), expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], expected[i], 2e-5);
 }
 
 TEST(TurnOrder, OfOtherScansTellsNothing) {
@@ -92,11 +114,13 @@ TEST(TurnOrder, OfOtherScansTellsNothing) {
   };
   for (const auto& [name, azimuth_rad] : azimuths) {
     Scan scan;
-    for (int i = 0; i < 12'000; ++i) scan.rows.push_back(At(azimuth_rad(i / 12'000.0), 0.1, 20.0));
+    for (int i = 0; i < 12'000; ++i) {
+      scan.points_m.push_back(At(azimuth_rad(i / 12'000.0), 0.1, 20.0));
+    }
     EXPECT_TRUE(scan.Found().empty()) << name;
   }
   Scan scan = Turn(0.0, 2.0 * M_PI, 1.0);
-  std::shuffle(scan.rows.begin(), scan.rows.end(), std::mt19937(1));
+  std::shuffle(scan.points_m.begin(), scan.points_m.end(), std::mt19937(1));
   EXPECT_TRUE(scan.Found().empty()) << "no order";
   EXPECT_TRUE(Scan().Found().empty());
 }

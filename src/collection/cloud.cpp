@@ -22,9 +22,9 @@ constexpr double kCertainDroneM = 0.25;
 // last third. Drones of 0.6 m and less have 0.1 m at most, of which noise and the fit, that may
 // grow as well, are a part.
 constexpr double kGrownM = 0.15;
-constexpr double kGrowsWithinS = 3.0;
 // Flat drones of 1.6 m grow by this ratio of squared widths as they turn and are seen from other
-// sides.
+// sides. A few of them, in streams, grow by up to 3 within seconds; with 3 half of the dust that
+// this finds would be missed.
 constexpr double kGrowthOfViews = 2.0;
 constexpr double kGrowthSigmas = 2.0;
 // Part of the growth, of the logarithm, that the middle third has: more than half of it if the

@@ -15,6 +15,9 @@
 
 namespace unlidar {
 
+// By then a part of a cloud that was as small as a drone has grown or is gone.
+constexpr double kGrowsWithinS = 3.0;
+
 // A cluster of returns of one frame, or a single return.
 struct ReturnCluster {
   TimeNs time_ns = 0;

@@ -14,9 +14,6 @@ namespace {
 // each judgement is a chance for a suspended object to appear to drift.
 constexpr double kMinJudgeIntervalS = 0.5;
 constexpr double kJudgeIntervalShare = 0.1;
-// Additional observed time for a track that may be wider than a drone: by then a part of a cloud
-// has grown or is gone.
-constexpr double kWideObservationS = 3.0;
 // Drift of a distant static object is tested from three swings on. Without drift until
 // kSuspendedAfterS it counts as suspended until it moves away.
 constexpr double kSuspendedAfterS = 60.0;
@@ -46,7 +43,7 @@ TrackValidator::Verdict TrackValidator::Judge(int number, const TrackFollower& f
   verdict.is_final = verdict.rejection != Rejection::kNone;
   if (verdict.is_final || is_reported) return verdict;
   if (config_.Uses(Rule::kCloud) && shape_.MayBeCloud() &&
-      seen_s - verdict.first_judged_age_s < kWideObservationS) {
+      seen_s - verdict.first_judged_age_s < kGrowsWithinS) {
     verdict.rejection = Rejection::kCloud;
   } else if (config_.Uses(Rule::kSuspended) &&
              MayBeSuspendedFor(follower.fit().InlierMeasurements(), seen_s)) {

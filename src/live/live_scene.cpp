@@ -107,7 +107,7 @@ void LiveScene::WarmUp() {
   is_warm_ = true;
   snapshot_ns_ = front_ns_;
   for (Station& station : scenes_) {
-    if (station.has_begun) station.scene.Fit(&fit_workspace_);
+    if (station.has_begun) station.scene.Fit();
   }
   num_warm_up_frames_ = waiting_.size();
   if (front_ns_ - begin_ns_ < kWarmUpNs) return;
@@ -122,7 +122,7 @@ void LiveScene::WarmUpLate(Station* station) {
   station->search_from_ns = front_ns_ + kWarmUpNs;
   station->learning = Rejection::kWarmUp;
   learning_since_ns_ = station->begin_ns;
-  station->scene.Fit(&fit_workspace_);
+  station->scene.Fit();
 }
 
 // If a refit is due fits the grounds, and with the next frame the supports: together they would
@@ -143,7 +143,7 @@ void LiveScene::Refit() {
   for (Station& station : scenes_) {
     StationScene& scene = station.scene;
     if (!scene.is_fitted()) continue;
-    are_grounds_new ? scene.FillSupport(&fit_workspace_) : scene.FitGround(&fit_workspace_);
+    are_grounds_new ? scene.FillSupport() : scene.FitGround();
   }
 }
 
@@ -176,13 +176,12 @@ void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
 void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
                             SceneFrame* held) {
   Station& station = StationOf(loaded->info.sensor);
-  Recording& frame = workspace_.frame;
-  std::swap(frame.points_m, loaded->points_m);
-  frame.times_ns.clear();
-  for (const TimeNs time_ns : loaded->times_ns) frame.times_ns.push_back(time_ns);
-  frame.frames.assign(1, loaded->info);
-  frame.frames[0].first_return = 0;
-  frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
+  std::swap(frame_.points_m, loaded->points_m);
+  frame_.times_ns.clear();
+  for (const TimeNs time_ns : loaded->times_ns) frame_.times_ns.push_back(time_ns);
+  frame_.frames.assign(1, loaded->info);
+  frame_.frames[0].first_return = 0;
+  frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
     // Called for nearly every return of the first two minutes, so the cheap box is tested first.
     const Eigen::Vector3d place_m = (point_m + station.viewpoint_m).cast<double>();
@@ -191,15 +190,15 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
   };
   // By reference: a std::function would copy the lambda to the heap.
   FramePlots& found =
-      station.scene.FindPlots(bin, waiting_.size() == 1, std::cref(is_known_target), &workspace_);
-  held->info = frame.frames[0];
+      station.scene.FindPlots(bin, waiting_.size() == 1, std::cref(is_known_target), &frame_);
+  held->info = frame_.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
   held->bodies_m.clear();
   if (is_traced_) {
     const Eigen::Vector3f viewpoint_m = station.viewpoint_m + held->info.carrier.shift_m;
     for (const std::uint32_t i : found.body_returns) {
-      held->bodies_m.push_back(frame.points_m[i] + viewpoint_m);
+      held->bodies_m.push_back(frame_.points_m[i] + viewpoint_m);
     }
   }
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -214,11 +213,11 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }
     std::optional<std::int64_t> dwell_begin_bin = bin;
-    for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
-      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.ray_m;
+    for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
+      const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
       seen.scatter_m2 += d * d.transpose();
       // nullopt compares less than any bin
-      dwell_begin_bin = std::min(dwell_begin_bin, workspace_.verdicts[i].dwell_begin_bin);
+      dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);
     }
     if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);

@@ -147,7 +147,6 @@ class LiveScene {
   TimeNs snapshot_ns_ = 0;
   TimeNs snapshot_interval_ns_;
   bool are_grounds_new_ = false;  // supports are due
-  StationScene::FitWorkspace fit_workspace_;
 
   // Frames in progress.
   Queue<BinnedFrame> waiting_;
@@ -155,8 +154,7 @@ class LiveScene {
   std::uint32_t num_frames_ = 0;        // with plots
   std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait
   std::vector<PlotRate> rates_;         // (sensors)
-
-  StationScene::FrameWorkspace workspace_;
+  Recording frame_;                     // the one whose plots are made
 };
 
 }  // namespace unlidar

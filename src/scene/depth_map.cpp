@@ -19,20 +19,21 @@ DepthMap::DepthMap(double cell_deg)
   }
 }
 
-void DepthMap::Fill(const PointsView& points_m, Workspace* workspace) {
-  auto& [cells, ends, ranges_m] = *workspace;
-  cells.resize(points_m.size());
-  ends.assign(medians_m_.size() + 1, 0);
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    cells[i] = static_cast<std::uint32_t>(cells_.CellOf(points_m[i]));
-    ++ends[cells[i] + 1];
+void DepthMap::Fill(const PointsView& points_m) {
+  cell_of_.resize(points_m.size());
+  ends_.assign(medians_m_.size() + 1, 0);
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    cell_of_[i] = static_cast<std::uint32_t>(cells_.CellOf(points_m[i]));
+    ++ends_[cell_of_[i] + 1];
   }
-  std::partial_sum(ends.begin(), ends.end(), ends.begin());
-  ranges_m.resize(points_m.size());
-  for (std::size_t i = 0; i < cells.size(); ++i) ranges_m[ends[cells[i]]++] = points_m[i].norm();
-  auto begin = ranges_m.begin();
+  std::partial_sum(ends_.begin(), ends_.end(), ends_.begin());
+  ranges_m_.resize(points_m.size());
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    ranges_m_[ends_[cell_of_[i]]++] = points_m[i].norm();
+  }
+  auto begin = ranges_m_.begin();
   for (std::size_t cell = 0; cell < medians_m_.size(); ++cell) {
-    const auto end = ranges_m.begin() + static_cast<std::ptrdiff_t>(ends[cell]);
+    const auto end = ranges_m_.begin() + static_cast<std::ptrdiff_t>(ends_[cell]);
     medians_m_[cell] = begin == end ? std::numeric_limits<float>::infinity()
                                     : NthSmallest(begin, end, (end - begin) / 2);
     begin = end;

@@ -15,18 +15,11 @@ namespace unlidar {
 // Median range of the returns per direction cell.
 class DepthMap {
  public:
-  // Buffers of Fill(), kept for reuse.
-  struct Workspace {
-    std::vector<std::uint32_t> cells;  // (points)
-    std::vector<std::size_t> ends;     // by cell
-    std::vector<float> ranges_m;       // (points) by cell
-  };
-
   // An empty map.
   explicit DepthMap(double cell_deg);
 
   // Replaces the contents, reusing memory.
-  void Fill(const PointsView& points_m, Workspace* workspace);
+  void Fill(const PointsView& points_m);
 
   // Returns the share of the directions within `radius_m` of a place, as seen from the sensor, that
   // are out of view or in which something is nearer than the place by `margin_m`.
@@ -44,6 +37,10 @@ class DepthMap {
   std::vector<Angle> elevations_;  // (rows) of the cell centres
   std::vector<Angle> azimuths_;    // (columns)
   std::vector<float> medians_m_;   // (rows x columns) infinity without returns
+  // Buffers of Fill(), kept for reuse.
+  std::vector<std::uint32_t> cell_of_;  // (points)
+  std::vector<std::size_t> ends_;       // by cell
+  std::vector<float> ranges_m_;         // (points) by cell
 };
 
 }  // namespace unlidar

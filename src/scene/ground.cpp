@@ -42,20 +42,17 @@ double Quantile(Number* begin, Number* end, double share) {
 
 }  // namespace
 
-void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
+void Ground::Fit(const PointsView& points_m) {
   exists_ = false;
   plane_.setZero();
-  SetHeights(points_m, workspace);
-  FitPlane(workspace);
+  SetHeights(points_m);
+  FitPlane();
 }
 
-void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
-  std::vector<float>& heights_m = workspace->heights_m;
-  std::vector<std::uint32_t>& cell_of = workspace->cell_of;
-  std::vector<std::uint32_t>& known = workspace->known;
+void Ground::SetHeights(const PointsView& points_m) {
   numbers_.Clear();
   cells_.clear();
-  cell_of.clear();
+  cell_of_.clear();
   std::uint32_t last = 0;
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     const Cell cell = CellOf(points_m[i]);
@@ -65,35 +62,35 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
       if (last == cells_.size()) cells_.push_back(cell);
     }
     ++cells_[last].end;
-    cell_of.push_back(last);
+    cell_of_.push_back(last);
   }
   std::uint32_t end = 0;
   for (Cell& cell : cells_) end += std::exchange(cell.end, end);
-  heights_m.resize(points_m.size());
+  heights_m_.resize(points_m.size());
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    heights_m[cells_[cell_of[i]].end++] = points_m[i].z();
+    heights_m_[cells_[cell_of_[i]].end++] = points_m[i].z();
   }
-  known.clear();
+  known_.clear();
   std::uint32_t begin = 0;
   for (std::uint32_t number = 0; number < cells_.size(); ++number) {
     Cell& cell = cells_[number];
     if (cell.end - begin >= kMinReturns) {
-      cell.height_m = Quantile(heights_m.data() + begin, heights_m.data() + cell.end, kQuantile);
-      known.push_back(number);
+      cell.height_m = Quantile(heights_m_.data() + begin, heights_m_.data() + cell.end, kQuantile);
+      known_.push_back(number);
     }
     begin = cell.end;
   }
   // Independent of the order of the points.
-  std::sort(known.begin(), known.end(), [&](std::uint32_t a, std::uint32_t b) {
+  std::sort(known_.begin(), known_.end(), [&](std::uint32_t a, std::uint32_t b) {
     return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
   });
 }
 
 // From a bank or a hill most of the view lies lower, on another plane, so a plane of the near cells
 // is tried as well.
-void Ground::FitPlane(Workspace* workspace) {
-  Plane plane = PlaneOf(std::numeric_limits<double>::infinity(), workspace);
-  const Plane near = PlaneOf(kNearM, workspace);
+void Ground::FitPlane() {
+  Plane plane = PlaneOf(std::numeric_limits<double>::infinity());
+  const Plane near = PlaneOf(kNearM);
   if (near.support > kMinSupportRatio * plane.support) plane = near;
   plane_ = plane.coefficients;
   support_ = plane.support;
@@ -102,35 +99,31 @@ void Ground::FitPlane(Workspace* workspace) {
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
 // within the band of the plane.
-Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
-  const std::vector<std::uint32_t>& known = workspace->known;
-  std::vector<double>& lowest_m = workspace->lowest_m;
-  std::vector<std::uint32_t>& inliers = workspace->inliers;
-  lowest_m.clear();
-  for (const std::uint32_t number : known) {
-    if (DistanceM(cells_[number]) <= reach_m) lowest_m.push_back(cells_[number].height_m);
+Ground::Plane Ground::PlaneOf(double reach_m) {
+  lowest_m_.clear();
+  for (const std::uint32_t number : known_) {
+    if (DistanceM(cells_[number]) <= reach_m) lowest_m_.push_back(cells_[number].height_m);
   }
   Plane plane;
-  if (lowest_m.size() < kMinCells) return plane;
-  const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
-  inliers.clear();
-  for (const std::uint32_t number : known) {
+  if (lowest_m_.size() < kMinCells) return plane;
+  const double median_m = Quantile(lowest_m_.data(), lowest_m_.data() + lowest_m_.size(), 0.5);
+  inliers_.clear();
+  for (const std::uint32_t number : known_) {
     const Cell& cell = cells_[number];
-    if (cell.height_m <= median_m && DistanceM(cell) <= reach_m) inliers.push_back(number);
+    if (cell.height_m <= median_m && DistanceM(cell) <= reach_m) inliers_.push_back(number);
   }
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    if (!Refit(kPlaneBandM, &plane, workspace)) return plane;
+    if (!Refit(kPlaneBandM, &plane)) return plane;
   }
-  plane.support = SupportOf(inliers);
+  plane.support = SupportOf();
   return plane;
 }
 
-bool Ground::Refit(double band_m, Plane* plane, Workspace* workspace) const {
-  std::vector<std::uint32_t>& inliers = workspace->inliers;
-  if (inliers.size() < kMinCells) return false;
+bool Ground::Refit(double band_m, Plane* plane) {
+  if (inliers_.size() < kMinCells) return false;
   // Triangular factor of the QR decomposition, augmented by the right-hand side, cell by cell.
   Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
-  for (const std::uint32_t number : inliers) {
+  for (const std::uint32_t number : inliers_) {
     triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
     for (Eigen::Index k = 0; k < 3; ++k) {
       Eigen::JacobiRotation<double> givens;
@@ -140,23 +133,23 @@ bool Ground::Refit(double band_m, Plane* plane, Workspace* workspace) const {
   }
   plane->coefficients = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
       triangle.topRightCorner<4, 1>().head<3>());
-  SetInliers(band_m, *plane, workspace);
+  SetInliers(band_m, *plane);
   return true;
 }
 
-void Ground::SetInliers(double band_m, const Plane& plane, Workspace* workspace) const {
-  workspace->inliers.clear();
-  for (const std::uint32_t number : workspace->known) {
+void Ground::SetInliers(double band_m, const Plane& plane) {
+  inliers_.clear();
+  for (const std::uint32_t number : known_) {
     const Cell& cell = cells_[number];
     if (std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < band_m) {
-      workspace->inliers.push_back(number);
+      inliers_.push_back(number);
     }
   }
 }
 
-double Ground::SupportOf(const std::vector<std::uint32_t>& inliers) const {
+double Ground::SupportOf() const {
   double support = 0.0;
-  for (const std::uint32_t number : inliers) {
+  for (const std::uint32_t number : inliers_) {
     const double share = kNearM / std::max(kNearM, DistanceM(cells_[number]));
     support += share * share;
   }
@@ -164,30 +157,28 @@ double Ground::SupportOf(const std::vector<std::uint32_t>& inliers) const {
 }
 
 // The band narrows in steps: among walls and objects the first plane is off by more than band_m.
-double Ground::FlatSupport(double band_m, Workspace* workspace) const {
+double Ground::FlatSupport(double band_m) {
   if (!exists_) return 0.0;
   Plane plane;
   plane.coefficients = plane_;
   double step_m = kPlaneBandM;
-  SetInliers(step_m, plane, workspace);
+  SetInliers(step_m, plane);
   while (step_m > band_m) {
     step_m = std::max(band_m, 0.5 * step_m);
     for (int iteration = 0; iteration < kIterations; ++iteration) {
-      if (!Refit(step_m, &plane, workspace)) return 0.0;
+      if (!Refit(step_m, &plane)) return 0.0;
     }
   }
   const double rise_m = band_m + plane.coefficients.tail<2>().norm() * kGroundCellM;
-  std::vector<std::uint32_t>& inliers = workspace->inliers;
   const auto is_not_flat = [&](std::uint32_t number) {
-    const float* const begin =
-        workspace->heights_m.data() + (number == 0 ? 0 : cells_[number - 1].end);
-    const float* const end = workspace->heights_m.data() + cells_[number].end;
+    const float* const begin = heights_m_.data() + (number == 0 ? 0 : cells_[number - 1].end);
+    const float* const end = heights_m_.data() + cells_[number].end;
     const auto low = std::count_if(
         begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
     return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);
   };
-  EraseIf(&inliers, is_not_flat);
-  return SupportOf(inliers);
+  EraseIf(&inliers_, is_not_flat);
+  return SupportOf();
 }
 
 Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {

@@ -20,20 +20,11 @@ constexpr double kGroundThicknessM = 0.3;
 // Without a ground in view (a sensor that looks up) every height above ground is infinite.
 class Ground {
  public:
-  // Buffers of Fit(), kept for reuse.
-  struct Workspace {
-    std::vector<std::uint32_t> cell_of;  // (points)
-    std::vector<float> heights_m;        // of the points, by cell
-    std::vector<std::uint32_t> known;    // cells with a height, ordered by x, then y
-    std::vector<double> lowest_m;        // heights of these, or of those near the station
-    std::vector<std::uint32_t> inliers;  // the known cells to which the plane is fitted
-  };
-
   // No ground until Fit().
   explicit Ground(double max_slope = kMaxTerrainSlope) : max_slope_(max_slope) {}
 
   // Replaces the ground, reusing memory.
-  void Fit(const PointsView& points_m, Workspace* workspace);
+  void Fit(const PointsView& points_m);
 
   // Number of inlier cells of the plane, those beyond 20 m weighted by the inverse square of their
   // distance; 0 without a ground.
@@ -41,9 +32,8 @@ class Ground {
 
   // Same as support(), of flat cells only: within `band_m` (at most 0.6 m) of a plane refitted to
   // such cells, with at least a quarter of their returns as low. Nearly all cells of a floor count,
-  // few or none of rough ground or of objects of equal lowest height. `workspace`: of the last
-  // Fit().
-  double FlatSupport(double band_m, Workspace* workspace) const;
+  // few or none of rough ground or of objects of equal lowest height.
+  double FlatSupport(double band_m);
 
   // Height (z) of the plane at x = y = 0, the station, in m; undefined without a ground.
   double height_m() const { return plane_.x(); }
@@ -58,7 +48,7 @@ class Ground {
   struct Cell {
     int x = 0;
     int y = 0;
-    std::uint32_t end = 0;  // of its points in Workspace::heights_m
+    std::uint32_t end = 0;                                       // of its points in heights_m_
     double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN if it has too few points
   };
 
@@ -72,15 +62,15 @@ class Ground {
   static VoxelKey KeyOf(const Cell& cell);
   Eigen::Vector3d MiddleOf(const Cell& cell) const;
   double DistanceM(const Cell& cell) const;  // from the station
-  void SetHeights(const PointsView& points_m, Workspace* workspace);
-  void FitPlane(Workspace* workspace);
-  Plane PlaneOf(double reach_m, Workspace* workspace) const;
+  void SetHeights(const PointsView& points_m);
+  void FitPlane();
+  Plane PlaneOf(double reach_m);
 
   // Fits the plane to the inliers, then makes all known cells within the band of it the inliers.
   // Returns false if there are too few to fit.
-  bool Refit(double band_m, Plane* plane, Workspace* workspace) const;
-  void SetInliers(double band_m, const Plane& plane, Workspace* workspace) const;
-  double SupportOf(const std::vector<std::uint32_t>& inliers) const;
+  bool Refit(double band_m, Plane* plane);
+  void SetInliers(double band_m, const Plane& plane);
+  double SupportOf() const;  // of the inliers
 
   double max_slope_;
   bool exists_ = false;
@@ -88,6 +78,12 @@ class Ground {
   Eigen::Vector3d plane_ = Eigen::Vector3d::Zero();
   VoxelNumbers numbers_;     // of the cells
   std::vector<Cell> cells_;  // by number
+  // Of the last fit, kept for reuse.
+  std::vector<std::uint32_t> cell_of_;  // (points)
+  std::vector<float> heights_m_;        // of the points, by cell
+  std::vector<std::uint32_t> known_;    // cells with a height, ordered by x, then y
+  std::vector<double> lowest_m_;        // heights of these, or of those near the station
+  std::vector<std::uint32_t> inliers_;  // the known cells to which the plane is fitted
 };
 
 }  // namespace unlidar

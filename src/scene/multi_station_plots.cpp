@@ -33,41 +33,37 @@ MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations&
   for (const FrameInfo& frame : recording.frames) {
     LoadFrame(recording, frame);
     Station& station = scenes_[stations.StationOf(frame.sensor)];
-    station.scene.Learn(workspace_.frame.points_m, station.bins.BinOf(frame.middle_ns()),
-                        frame.carrier);
+    station.scene.Learn(frame_.points_m, station.bins.BinOf(frame.middle_ns()), frame.carrier);
   }
-  StationScene::FitWorkspace fit_workspace;
-  for (Station& station : scenes_) station.scene.Fit(&fit_workspace);
+  for (Station& station : scenes_) station.scene.Fit();
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) FindPlots(recording, f);
   for (std::size_t station = 0; station < scenes_.size(); ++station) TakePlots(recording, station);
   SortByFrameTime(&plots_);
 }
 
-// Sets the frame of the workspace, without times, relative to the viewpoint of its station.
+// Sets frame_, without times, relative to the viewpoint of its station.
 void MultiStationPlots::LoadFrame(const Recording& recording, const FrameInfo& frame) {
   const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));
-  Recording& one = workspace_.frame;
-  one.points_m.clear();
+  frame_.points_m.clear();
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-    one.points_m.push_back(recording.points_m[i] - viewpoint_m);
+    frame_.points_m.push_back(recording.points_m[i] - viewpoint_m);
   }
-  one.frames.assign(1, frame);
-  one.frames[0].first_return = 0;
-  one.frames[0].last_return = frame.last_return - frame.first_return;
+  frame_.frames.assign(1, frame);
+  frame_.frames[0].first_return = 0;
+  frame_.frames[0].last_return = frame.last_return - frame.first_return;
 }
 
 void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t frame_index) {
   const FrameInfo& frame = recording.frames[frame_index];
   LoadFrame(recording, frame);
-  TimeList& times_ns = workspace_.frame.times_ns;
-  times_ns.clear();
+  frame_.times_ns.clear();
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-    times_ns.push_back(recording.times_ns[i]);
+    frame_.times_ns.push_back(recording.times_ns[i]);
   }
   Station& station = scenes_[stations_.StationOf(frame.sensor)];
   FramePlots& found =
-      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), false, nullptr, &workspace_);
-  num_unexplained_ += workspace_.num_unexplained;
+      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), false, nullptr, &frame_);
+  num_unexplained_ += station.scene.num_unexplained();
   for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
   const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));
   for (const BodyBox& body : found.bodies) {
@@ -79,7 +75,7 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     plot.frame = frame_index;
-    for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
+    for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
       plot.returns.push_back(frame.first_return + i);
     }
     station.plots.push_back(std::move(plot));

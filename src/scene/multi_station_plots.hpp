@@ -62,7 +62,7 @@ class MultiStationPlots {
   Stations stations_;
   std::size_t num_sensors_;
   std::vector<Station> scenes_;  // (stations)
-  StationScene::FrameWorkspace workspace_;
+  Recording frame_;              // the one in progress alone
   std::vector<Plot> plots_;
   Queue<BodyBox> bodies_;
   std::vector<char> are_bodies_;

@@ -17,20 +17,12 @@ bool IsAmongDenseStrays(const Occupancy::Verdict& verdict) {
   return verdict.stray_rate > 0.0F && !verdict.floats;
 }
 
-double MeanStrayRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns) {
-  const auto count = static_cast<double>(returns.size());
-  double rate = 0.0;
-  for (const std::uint32_t i : returns) {
-    const Occupancy::Verdict& verdict = workspace.verdicts[i];
-    rate += static_cast<double>(std::max(verdict.stray_rate, verdict.place_rate)) / count;
-  }
-  return rate;
-}
-
 }  // namespace
 
 StationScene::StationScene(const RobustConfig& config)
-    : config_(&config), occupancy_(config.background, config.Uses(Rule::kStrays)) {}
+    : config_(&config),
+      occupancy_(config.background, config.Uses(Rule::kStrays)),
+      support_(Ground(), config.support) {}
 
 void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   occupancy_.AddFrame(points_m, bin, carrier);
@@ -40,65 +32,60 @@ void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPos
   for (std::size_t i = 0; i < count; ++i) first_returns_m_.push_back(points_m[i] - carrier.shift_m);
 }
 
-void StationScene::Fit(FitWorkspace* workspace) {
-  if (!is_fitted()) {
-    occupancy_.JudgeAll();
-    fitted_ = std::make_unique<Fitted>(*config_);
-  }
+void StationScene::Fit() {
+  if (!is_fitted()) occupancy_.JudgeAll();
   if (!first_returns_m_.empty()) {
     lowest_elevation_rad_ = LowestElevationRad(std::exchange(first_returns_m_, {}));
   }
-  FitGround(workspace);
-  FillSupport(workspace);
+  FitGround();
+  FillSupport();
 }
 
-void StationScene::FitGround(FitWorkspace* workspace) {
-  occupancy_.GetStructure(&workspace->points_m);
-  fitted_->ground.Fit(workspace->points_m, &workspace->ground);
+void StationScene::FitGround() {
+  occupancy_.GetStructure(&structure_m_);
+  support_.FitGround(structure_m_);
 }
 
-void StationScene::FillSupport(FitWorkspace* workspace) {
-  occupancy_.GetSupporters(&workspace->points_m);
-  fitted_->support.Fill(workspace->points_m, occupancy_.field_of_view().Edges(),
-                        &workspace->support);
+void StationScene::FillSupport() {
+  occupancy_.GetSupporters(&structure_m_);
+  support_.Fill(structure_m_, occupancy_.field_of_view().Edges());
   watched_.Update();
   ++num_fits_;
 }
 
 FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
-                                    const Occupancy::IsTargetSince& is_target,
-                                    FrameWorkspace* workspace) {
-  auto& [frame, plotter, verdicts, candidates, linker, are_strays, num_unexplained] = *workspace;
+                                    const Occupancy::IsTargetSince& is_target, Recording* frame) {
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
-    return fitted_->support.IsFloating(point_m);
+    return support_.IsFloating(point_m);
   };
   const bool keeps_stray_groups = config_->Uses(Rule::kStrayGroups);
-  candidates.clear();
-  std::vector<Eigen::Vector3f>& points_m = frame.points_m;
-  occupancy_.Judge(points_m, bin, is_newest, num_fits_, floats, is_target, &verdicts);
+  candidates_.clear();
+  std::vector<Eigen::Vector3f>& points_m = frame->points_m;
+  occupancy_.Judge(points_m, bin, is_newest, num_fits_, floats, is_target, &verdicts_);
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.
-    if (verdicts[i].is_structure && !verdicts[i].floats &&
-        !(keeps_stray_groups && IsAmongDenseStrays(verdicts[i]))) {
+    if (verdicts_[i].is_structure && !verdicts_[i].floats &&
+        !(keeps_stray_groups && IsAmongDenseStrays(verdicts_[i]))) {
       continue;
     }
-    if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
+    if (!support_.ground().IsGround(points_m[i])) candidates_.push_back(i);
   }
   // Ranges, with which radii grow, are those from the present place of the LiDAR from here on.
-  const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
+  const CarrierPose& carrier = frame->frames[0].carrier;
+  const Eigen::Vector3f shift_m = carrier.shift_m;
   for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
-  DropStrays(workspace);
-  num_unexplained = candidates.size();
+  DropStrays(points_m);
+  num_unexplained_ = candidates_.size();
   const auto stray_rate_at = [&](const Eigen::Vector3f& point_m) {
     return occupancy_.StrayRate(point_m + shift_m);
   };
-  FramePlots& found = plotter.Find(frame, 0, &candidates, fitted_->ground, lowest_elevation_rad_,
-                                   std::cref(stray_rate_at), *config_);
+  FramePlots& found = plotter_.Find(*frame, 0, &candidates_, support_.ground(),
+                                    lowest_elevation_rad_, std::cref(stray_rate_at), *config_);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
-    SetPlaceRate(*workspace, plotter.ReturnsOf(p), &plot);
-    SetWatchedBelow(frame.frames[0].carrier, &plot);
+    SetPlaceRate(ReturnsOf(p), &plot);
+    SetWatchedBelow(carrier, &plot);
     plot.position_m += shift_m.cast<double>();
   }
   for (BodyBox& body : found.bodies) body = body.Moved(shift_m);
@@ -107,23 +94,30 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
 
 // Where strays are dense, a lone return is one of them. A group larger than strays form by chance
 // is something else: such groups are as rare as lone strays in thin air.
-void StationScene::DropStrays(FrameWorkspace* workspace) const {
-  std::vector<std::uint32_t>& candidates = workspace->candidates;
-  const auto is_dense = [&](std::uint32_t i) { return IsAmongDenseStrays(workspace->verdicts[i]); };
-  if (std::none_of(candidates.begin(), candidates.end(), is_dense)) return;
-  const std::vector<Eigen::Vector3f>& points_m = workspace->frame.points_m;
+void StationScene::DropStrays(const std::vector<Eigen::Vector3f>& points_m) {
+  const auto is_dense = [&](std::uint32_t i) { return IsAmongDenseStrays(verdicts_[i]); };
+  if (std::none_of(candidates_.begin(), candidates_.end(), is_dense)) return;
   const RangeRadius& link = config_->plots.link;
-  Linker& linker = workspace->linker;
-  workspace->are_strays.assign(points_m.size(), 0);
-  linker.Link(points_m, candidates, link);
-  for (std::size_t g = 0; g < linker.size(); ++g) {
-    const double radius_m = link.At(static_cast<double>(points_m[*linker[g].begin()].norm()));
-    const double rate = MeanStrayRate(*workspace, linker[g]);
-    const auto count = static_cast<double>(linker[g].size());
-    if (StrayGroupRate(rate, radius_m, count) < kMaxStrayRate) continue;
-    for (const std::uint32_t i : linker[g]) workspace->are_strays[i] = is_dense(i) ? 1 : 0;
+  are_strays_.assign(points_m.size(), 0);
+  linker_.Link(points_m, candidates_, link);
+  for (std::size_t g = 0; g < linker_.size(); ++g) {
+    const IndexView group = linker_[g];
+    const double radius_m = link.At(static_cast<double>(points_m[group.front()].norm()));
+    const auto count = static_cast<double>(group.size());
+    if (StrayGroupRate(MeanStrayRate(group), radius_m, count) < kMaxStrayRate) continue;
+    for (const std::uint32_t i : group) are_strays_[i] = is_dense(i) ? 1 : 0;
   }
-  EraseIf(&candidates, [&](std::uint32_t i) { return workspace->are_strays[i] != 0; });
+  EraseIf(&candidates_, [&](std::uint32_t i) { return are_strays_[i] != 0; });
+}
+
+double StationScene::MeanStrayRate(const IndexView& returns) const {
+  const auto count = static_cast<double>(returns.size());
+  double rate = 0.0;
+  for (const std::uint32_t i : returns) {
+    const Occupancy::Verdict& verdict = verdicts_[i];
+    rate += static_cast<double>(std::max(verdict.stray_rate, verdict.place_rate)) / count;
+  }
+  return rate;
 }
 
 void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const {
@@ -138,12 +132,11 @@ void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const
   plot->watched_below = below < own ? below / own : (below > 0.0 ? 1.0 : 0.0);
 }
 
-void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns,
-                                Plot* plot) const {
+void StationScene::SetPlaceRate(const IndexView& returns, Plot* plot) const {
   double rate = 0.0;
   bool is_among_dense_strays = false;
   for (const std::uint32_t i : returns) {
-    const Occupancy::Verdict& verdict = workspace.verdicts[i];
+    const Occupancy::Verdict& verdict = verdicts_[i];
     rate += static_cast<double>(verdict.place_rate);
     is_among_dense_strays = is_among_dense_strays || IsAmongDenseStrays(verdict);
     plot->has_structure =
@@ -151,7 +144,7 @@ void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView
   }
   plot->place_rate = rate / static_cast<double>(plot->num_returns);
   if (!is_among_dense_strays) return;
-  const double stray_rate = MeanStrayRate(workspace, returns);
+  const double stray_rate = MeanStrayRate(returns);
   const double radius_m = config_->plots.link.At(plot->ray_m.norm());
   const auto count = static_cast<double>(returns.size());
   plot->place_rate = StrayGroupRate(stray_rate, radius_m, count);

@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "base/recording.hpp"
@@ -21,24 +20,6 @@ namespace unlidar {
 // are relative to the viewpoint of the station, where its sensors were first.
 class StationScene {
  public:
-  // Buffers of Fit(), reused between stations.
-  struct FitWorkspace {
-    std::vector<Eigen::Vector3f> points_m;
-    Ground::Workspace ground;
-    Support::Workspace support;
-  };
-
-  // The frame whose plots are to be found, and buffers that are reused from frame to frame.
-  struct FrameWorkspace {
-    Recording frame;  // of this frame alone
-    FramePlotter plotter;
-    std::vector<Occupancy::Verdict> verdicts;  // (returns)
-    std::vector<std::uint32_t> candidates;     // returns that may belong to plots or bodies
-    Linker linker;
-    std::vector<char> are_strays;     // (returns)
-    std::size_t num_unexplained = 0;  // number of candidates
-  };
-
   // `config` must outlive it.
   explicit StationScene(const RobustConfig& config);
 
@@ -46,49 +27,54 @@ class StationScene {
   void Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier);
 
   // Fits ground and support to the places learned so far.
-  void Fit(FitWorkspace* workspace);
+  void Fit();
 
   // The same in two halves, to be called one after the other once it is fitted.
-  void FitGround(FitWorkspace* workspace);
-  void FillSupport(FitWorkspace* workspace);
+  void FitGround();
+  void FillSupport();
 
   // True after Fit().
-  bool is_fitted() const { return fitted_ != nullptr; }
+  bool is_fitted() const { return num_fits_ > 0; }
 
-  // Returns the plots and bodies of the frame in the workspace, one that was learned; valid until
+  // Returns the plots and bodies of a frame that was learned, the only one of `frame`; valid until
   // the next call. Sets the place rates of the plots, and makes the returns of the frame relative
   // to its own viewpoint.
   FramePlots& FindPlots(std::int64_t bin, bool is_newest, const Occupancy::IsTargetSince& is_target,
-                        FrameWorkspace* workspace);
+                        Recording* frame);
+
+  // Of that frame: the returns of a plot, the verdicts on all returns, and the number of those that
+  // may belong to plots or bodies.
+  IndexView ReturnsOf(std::size_t plot) const { return plotter_.ReturnsOf(plot); }
+  const std::vector<Occupancy::Verdict>& verdicts() const { return verdicts_; }
+  std::size_t num_unexplained() const { return num_unexplained_; }
 
   const Occupancy& occupancy() const { return occupancy_; }
-  const Support& support() const { return fitted_->support; }
+  const Support& support() const { return support_; }
 
   // Erases places that were not hit for long.
   void Sweep() { occupancy_.Sweep(); }
 
  private:
-  void DropStrays(FrameWorkspace* workspace) const;
+  void DropStrays(const std::vector<Eigen::Vector3f>& points_m);
+  double MeanStrayRate(const IndexView& returns) const;
   void SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const;
-  void SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns, Plot* plot) const;
-
-  // Ground and support as of the last fit.
-  struct Fitted {
-    explicit Fitted(const RobustConfig& config) : support(ground, config.support) {}
-    Fitted(const Fitted&) = delete;
-    Fitted& operator=(const Fitted&) = delete;
-
-    Ground ground;
-    Support support;
-  };
+  void SetPlaceRate(const IndexView& returns, Plot* plot) const;
 
   const RobustConfig* config_;
   Occupancy occupancy_;
   std::vector<Eigen::Vector3f> first_returns_m_;  // for the lowest elevation, until fitted
   double lowest_elevation_rad_ = 0.0;
   WatchedElevations watched_;
-  std::unique_ptr<Fitted> fitted_;
+  Support support_;  // and ground, as of the last fit
   int num_fits_ = 0;
+  std::vector<Eigen::Vector3f> structure_m_;  // buffer of fits
+  // Of the last frame whose plots were found.
+  FramePlotter plotter_;
+  std::vector<Occupancy::Verdict> verdicts_;  // (returns)
+  std::vector<std::uint32_t> candidates_;     // returns that may belong to plots or bodies
+  std::size_t num_unexplained_ = 0;           // of these, before bodies are found
+  Linker linker_;                             // of groups among strays
+  std::vector<char> are_strays_;              // (returns)
 };
 
 }  // namespace unlidar

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "base/voxel_grid.hpp"
 
@@ -20,35 +21,33 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 
 }  // namespace
 
-Support::Support(const Ground& ground, const SupportConfig& config)
-    : ground_(ground), config_(config), depth_(kHidingCellDeg) {}
+Support::Support(Ground ground, const SupportConfig& config)
+    : ground_(std::move(ground)), config_(config), depth_(kHidingCellDeg) {}
 
-void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
-                   Workspace* workspace) {
-  auto& [seen, points_m, cells, depth] = *workspace;
+void Support::Fill(const PointsView& structure_m, const ElevationRange& view) {
   view_ = view;
-  depth_.Fill(structure_m, &depth);
-  seen.Clear();
-  points_m.clear();
-  cells.clear();
+  depth_.Fill(structure_m);
+  seen_.Clear();
+  thinned_m_.clear();
+  cell_of_.clear();
   cells_.Clear();
   first_.clear();
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
-    const std::uint32_t number = seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
-    if (number < points_m.size()) {
-      if (IsBefore(point_m, points_m[number])) points_m[number] = point_m;  // in the same cell
+    const std::uint32_t number = seen_.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
+    if (number < thinned_m_.size()) {
+      if (IsBefore(point_m, thinned_m_[number])) thinned_m_[number] = point_m;  // in the same cell
       continue;
     }
-    points_m.push_back(point_m);
-    cells.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
-    if (cells.back() == first_.size()) first_.push_back(0);
-    ++first_[cells.back()];
+    thinned_m_.push_back(point_m);
+    cell_of_.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
+    if (cell_of_.back() == first_.size()) first_.push_back(0);
+    ++first_[cell_of_.back()];
   }
   // Counting sort of the points by cell, from the last point: counts become ends, then begins.
   std::partial_sum(first_.begin(), first_.end(), first_.begin());
-  points_m_.resize(points_m.size());
-  for (std::size_t i = points_m.size(); i-- > 0;) points_m_[--first_[cells[i]]] = points_m[i];
+  points_m_.resize(thinned_m_.size());
+  for (std::size_t i = points_m_.size(); i-- > 0;) points_m_[--first_[cell_of_[i]]] = thinned_m_[i];
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
 

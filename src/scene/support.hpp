@@ -33,19 +33,14 @@ inline double SupportReachM(double range_m, const SupportConfig& config) {
 // Tests whether structure or ground near a place may support a static object there.
 class Support {
  public:
-  // Buffers of Fill(), reused between calls.
-  struct Workspace {
-    VoxelNumbers seen;
-    std::vector<Eigen::Vector3f> points_m;  // structure, one point per voxel
-    std::vector<std::uint32_t> cells;       // cell of each point
-    DepthMap::Workspace depth;
-  };
-
   // Starts without structure.
-  Support(const Ground& ground, const SupportConfig& config);
+  Support(Ground ground, const SupportConfig& config);
 
-  // Replaces the structure; reuses the allocated memory.
-  void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
+  // Replace ground and structure; reuse the allocated memory.
+  void FitGround(const PointsView& structure_m) { ground_.Fit(structure_m); }
+  void Fill(const PointsView& structure_m, const ElevationRange& view);
+
+  const Ground& ground() const { return ground_; }
 
   // True if a static object at `place_m` has no support; false if unknown. `is_transient`: it was
   // absent before, or is absent afterwards.
@@ -57,13 +52,17 @@ class Support {
  private:
   bool ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) const;
 
-  const Ground& ground_;
+  Ground ground_;
   ElevationRange view_;
   SupportConfig config_;
   DepthMap depth_;                         // of structure
   VoxelNumbers cells_;                     // voxels of structure
   std::vector<std::uint32_t> first_;       // (cells + 1) first point of each cell, then the end
   std::vector<Eigen::Vector3f> points_m_;  // by cell
+  // Buffers of Fill(), kept for reuse.
+  VoxelNumbers seen_;
+  std::vector<Eigen::Vector3f> thinned_m_;  // structure, one point per voxel
+  std::vector<std::uint32_t> cell_of_;      // of each of these
 };
 
 }  // namespace unlidar

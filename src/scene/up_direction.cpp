@@ -64,7 +64,7 @@ UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
       Eigen::Quaternionf::FromTwoVectors(up, Eigen::Vector3f::UnitZ()).toRotationMatrix();
   rotated_m_.clear();
   for (const Eigen::Vector3f& point_m : points_m_) rotated_m_.push_back(rotation * point_m);
-  ground_.Fit(rotated_m_, &workspace_);
+  ground_.Fit(rotated_m_);
   double above = 0.0;
   double below = 0.0;
   for (const Eigen::Vector3f& point_m : rotated_m_) {
@@ -87,9 +87,8 @@ bool UpDirection::HasFloor() {
     if (point_m.z() < -static_cast<float>(kGroundThicknessM)) rotated_m_.push_back(point_m);
   }
   Ground floor(kMaxFloorSlope);
-  floor.Fit(rotated_m_, &workspace_);
-  return floor.FlatSupport(kFloorBandM, &workspace_) >= kMinFloorCells &&
-         floor.height_m() > -kMaxFloorDepthM;
+  floor.Fit(rotated_m_);
+  return floor.FlatSupport(kFloorBandM) >= kMinFloorCells && floor.height_m() > -kMaxFloorDepthM;
 }
 
 void UpDirection::TryNext() {

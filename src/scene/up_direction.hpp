@@ -51,7 +51,6 @@ class UpDirection {
   std::vector<Eigen::Vector3f> points_m_;    // relative to the sensor
   std::vector<Eigen::Vector3f> rotated_m_;
   Ground ground_;
-  Ground::Workspace workspace_;
   std::optional<TimeNs> begin_ns_;  // time of the first frame with a return
   std::size_t next_ = 0;            // direction to test next; beyond the size when done
   Evidence z_;

@@ -28,8 +28,7 @@ Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m
 
 DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) {
   DepthMap map(2.0);
-  DepthMap::Workspace workspace;
-  map.Fill(points_m, &workspace);
+  map.Fill(points_m);
   return map;
 }
 
@@ -68,7 +67,6 @@ TEST(DepthMap, APlaceIsHiddenBehindTheMedianRangeOfItsCell) {
                               static_cast<int>(elevation_deg / kCell_deg)};
   };
   DepthMap map(kCell_deg);
-  DepthMap::Workspace workspace;
   for (int fill = 0; fill < 3; ++fill) {  // anew each time
     std::vector<Eigen::Vector3f> points_m;
     std::map<std::array<int, 2>, std::vector<float>> ranges_m;
@@ -76,7 +74,7 @@ TEST(DepthMap, APlaceIsHiddenBehindTheMedianRangeOfItsCell) {
       points_m.push_back(random.NormalVector(20.0).cast<float>());
       ranges_m[cell_of(points_m.back())].push_back(points_m.back().norm());
     }
-    map.Fill(points_m, &workspace);
+    map.Fill(points_m);
     int num_empty = 0;
     for (int i = 0; i < 4000; ++i) {
       const Eigen::Vector3f towards_m = random.NormalVector(1.0).cast<float>().normalized();

@@ -11,16 +11,14 @@ namespace unlidar {
 
 inline Ground GroundOf(const PointsView& points_m) {
   Ground ground;
-  Ground::Workspace workspace;
-  ground.Fit(points_m, &workspace);
+  ground.Fit(points_m);
   return ground;
 }
 
 inline Support SupportBy(const PointsView& structure_m, const Ground& ground,
                          const SupportConfig& config, const ElevationRange& view = {}) {
   Support support(ground, config);
-  Support::Workspace workspace;
-  support.Fill(structure_m, view, &workspace);
+  support.Fill(structure_m, view);
   return support;
 }
 

@@ -235,8 +235,7 @@ Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Ran
 
 DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
   DepthMap depth(2.0);
-  DepthMap::Workspace workspace;
-  depth.Fill(structure_m, &workspace);
+  depth.Fill(structure_m);
   return depth;
 }
 

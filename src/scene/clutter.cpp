@@ -6,8 +6,36 @@
 namespace unlidar {
 namespace {
 
+// The widest neighbourhood reaches across a scene. Where nothing is known the rate is that of an
+// empty sky.
+constexpr RangeRadius kWide{4.0, 0.35};
+constexpr RangeRadius kMiddle{4.0, 0.12};
+constexpr double kEmptySkyRate = 1e-6;
+// Extent of a static object that is a point to the sensor.
+constexpr RangeRadius kSpotRadius{0.19, 0.006};
 // Prior share of plots that recur at their spots, with the weight of one plot.
 constexpr double kPriorRecurrenceShare = 0.5;
+
+// Among strays many plots of a bin share a voxel.
+RangeGrid CachedGrid(const RangeRadius& radius) {
+  return RangeGrid(radius, RangeGrid::CountCache::kPerVoxel);
+}
+
+// Returns the clutter intensity (plots per m^3 and frame) at a place, method.md (2), given the
+// plots of other times around it and the number of frames that could have shown them. Each level is
+// the prior of the next, so that an empty neighbourhood takes the rate of its surroundings, and a
+// level is weighted by its exposure. `num_excluded`: of the plots in every level. `num_levels`: of
+// the widest.
+double RateAtOtherTimes(const ClutterMap::Levels& levels, double num_frames,
+                        std::uint32_t num_excluded, std::size_t num_levels) {
+  double rate = kEmptySkyRate;
+  for (std::size_t k = 0; k < num_levels; ++k) {
+    const ClutterMap::Level& level = levels[k];
+    rate = ClutterRate(level.count - std::min(level.count, num_excluded),
+                       num_frames * level.volume_m3, rate);
+  }
+  return rate;
+}
 
 Eigen::Vector3f PlaceM(const Plot& plot) { return plot.PlaceM().cast<float>(); }
 
@@ -21,7 +49,7 @@ class ClutterEstimate {
  public:
   ClutterEstimate(const std::vector<StationModel>& station_models, const RobustConfig& config,
                   const std::vector<char>& assigned, const std::vector<Plot>& plots)
-      : assigned_(assigned), plots_(plots), model_(config) {
+      : assigned_(assigned), plots_(plots), model_(config), recurrent_(station_models.size()) {
     for (std::uint32_t sensor = 0; sensor < station_models.size(); ++sensor) {
       const TimeBins& bins = *station_models[sensor].bins;
       for (std::uint32_t bin = 0; bin < bins.num_bins(); ++bin) {
@@ -45,12 +73,12 @@ class ClutterEstimate {
     Walk(
         [&](std::size_t i) {
           if (assigned_[i] != 0 || at_other_times_[i] == 0) return;
-          recurrent_.Add(plots_[i].sensor, PlaceM(plots_[i]), bins_[i]);
+          recurrent_[plots_[i].sensor].Add(PlaceM(plots_[i]), bins_[i]);
         },
         [&](std::size_t i) {
           if (!MayBeOneDwell(i)) return;
           recurrent_excluded_[i] =
-              recurrent_.ExcludedAt(plots_[i].sensor, PlaceM(plots_[i]), bins_[i]);
+              recurrent_[plots_[i].sensor].ExcludedAt(PlaceM(plots_[i]), bins_[i]);
         });
   }
 
@@ -106,7 +134,7 @@ class ClutterEstimate {
   double RecurrenceShare(std::size_t i) const {
     const Plot& plot = plots_[i];
     const auto all = model_.LevelsAt(plot, same_time_[i]);
-    const auto again = recurrent_.LevelsAt(plot.sensor, PlaceM(plot), recurrent_excluded_[i]);
+    const auto again = recurrent_[plot.sensor].LevelsAt(PlaceM(plot), recurrent_excluded_[i]);
     double share = kPriorRecurrenceShare;
     for (std::size_t k = 0; k < model_.num_levels(); ++k) {
       share = (again[k].count + share) / (all[k].count + 1.0);
@@ -117,7 +145,7 @@ class ClutterEstimate {
   const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
   ClutterModel model_;
-  ClutterMap recurrent_;                                     // plots that recur at their spots
+  std::vector<ClutterMap> recurrent_;                        // (sensors) plots that recur
   std::vector<std::uint32_t> bins_;                          // (plots)
   std::vector<ClutterModel::SameTime> same_time_;            // (plots)
   std::vector<std::uint32_t> at_other_times_;                // (plots) at the spots of plots
@@ -126,13 +154,44 @@ class ClutterEstimate {
 
 }  // namespace
 
+ClutterMap::ClutterMap()
+    : levels_{CachedGrid(kWide), CachedGrid(kMiddle), CachedGrid(kClutterNarrow)} {}
+
+void ClutterMap::Add(const Eigen::Vector3f& place_m, std::uint32_t bin, std::int32_t count) {
+  for (RangeGrid& level : levels_) level.Add(place_m, bin, count);
+}
+
+ClutterMap::LevelCounts ClutterMap::ExcludedAt(const Eigen::Vector3f& place_m,
+                                               std::uint32_t bin) const {
+  LevelCounts counts;
+  for (std::size_t k = 0; k < kNumLevels; ++k) {
+    counts[k] = levels_[k].Count(place_m, Excluded(bin));
+  }
+  return counts;
+}
+
+ClutterMap::Levels ClutterMap::LevelsAt(const Eigen::Vector3f& place_m,
+                                        const LevelCounts& excluded) const {
+  Levels levels;
+  for (std::size_t k = 0; k < kNumLevels; ++k) {
+    levels[k] = {levels_[k].Count(place_m) - excluded[k], levels_[k].VolumeM3(place_m)};
+  }
+  return levels;
+}
+
+void ClutterMap::Forget(std::uint32_t before_bin) {
+  for (RangeGrid& level : levels_) level.Forget(before_bin);
+}
+
+ClutterModel::Sensor::Sensor() : spots(kSpotRadius) {}
+
 ClutterModel::ClutterModel(const RobustConfig& config)
     : num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1) {}
 
 void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint32_t count) {
-  if (frames_.size() <= sensor) frames_.resize(sensor + 1);
-  auto& [num_frames, by_bin] = frames_[sensor];
-  num_frames += count;
+  if (sensors_.size() <= sensor) sensors_.resize(sensor + 1);
+  sensors_[sensor].num_frames += count;
+  Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
   const auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bin, IsBefore);
   if (at != by_bin.end() && at->bin == bin) {
     at->count += count;
@@ -141,13 +200,8 @@ void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint3
   }
 }
 
-std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor) const {
-  return sensor < frames_.size() ? frames_[sensor].num_frames : 0;
-}
-
 std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const {
-  if (sensor >= frames_.size()) return 0;
-  const Queue<FrameCount>& by_bin = frames_[sensor].by_bin;
+  const Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
   std::uint32_t sum = 0;
   auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bins.first, IsBefore);
   for (; at != by_bin.end() && at->bin < bins.last; ++at) sum += at->count;
@@ -155,8 +209,10 @@ std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const
 }
 
 void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count) {
-  around_.Add(plot.sensor, PlaceM(plot), bin, count);
-  if (plot.IsFromTravel()) along_.Add(plot.sensor, plot.carrier_ray_m, bin, count);
+  Sensor& sensor = sensors_[plot.sensor];
+  sensor.around.Add(PlaceM(plot), bin, count);
+  sensor.spots.Add(PlaceM(plot), bin, count);
+  if (plot.IsFromTravel()) sensor.along.Add(plot.carrier_ray_m, bin, count);
 }
 
 void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
@@ -165,55 +221,55 @@ void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
 
 void ClutterModel::Forget(std::uint32_t before_bin) {
   forgotten_bins_ = before_bin;
-  around_.Forget(before_bin);
-  along_.Forget(before_bin);
-  for (auto& [num_frames, by_bin] : frames_) {
+  for (Sensor& sensor : sensors_) {
+    sensor.around.Forget(before_bin);
+    sensor.along.Forget(before_bin);
+    sensor.spots.Forget(before_bin);
+    Queue<FrameCount>& by_bin = sensor.by_bin;
     while (!by_bin.empty() && IsBefore(by_bin.front(), before_bin)) {
-      num_frames -= by_bin.front().count;
+      sensor.num_frames -= by_bin.front().count;
       by_bin.pop_front();
     }
   }
 }
 
 ClutterModel::SameTime ClutterModel::SameTimeOf(const Plot& plot, std::uint32_t bin) const {
+  const Sensor& sensor = sensors_[plot.sensor];
   SameTime same_time;
-  const Eigen::Vector3f place_m = PlaceM(plot);
-  same_time.around = around_.ExcludedAt(plot.sensor, place_m, bin);
-  same_time.at_spot = around_.ExcludedAtSpot(plot.sensor, place_m, bin);
-  if (plot.IsFromTravel()) {
-    same_time.along = along_.ExcludedAt(plot.sensor, plot.carrier_ray_m, bin);
-  }
+  same_time.around = sensor.around.ExcludedAt(PlaceM(plot), bin);
+  same_time.at_spot = sensor.spots.Count(PlaceM(plot), ClutterMap::Excluded(bin));
+  if (plot.IsFromTravel()) same_time.along = sensor.along.ExcludedAt(plot.carrier_ray_m, bin);
   return same_time;
 }
 
 double ClutterModel::SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
                                      std::uint32_t num_excluded) const {
-  const double num_frames =
-      NumFrames(plot.sensor) - NumFrames(plot.sensor, ClutterMap::Excluded(bin));
+  const Sensor& sensor = sensors_[plot.sensor];
+  const double num_frames = sensor.num_frames - NumFrames(plot.sensor, ClutterMap::Excluded(bin));
   const double rate =
       RateAtOtherTimes(LevelsAt(plot, same_time), num_frames, num_excluded, num_levels_);
   if (!plot.IsFromTravel()) return rate;
-  const auto along = along_.LevelsAt(plot.sensor, plot.carrier_ray_m, same_time.along);
+  const auto along = sensor.along.LevelsAt(plot.carrier_ray_m, same_time.along);
   return std::max(rate, RateAtOtherTimes(along, num_frames, 0, ClutterMap::kNumAlongLevels));
 }
 
 std::uint32_t ClutterModel::NumAtSpot(const Plot& plot) const {
-  return around_.AllAtSpot(plot.sensor, PlaceM(plot));
+  return sensors_[plot.sensor].spots.Count(PlaceM(plot));
 }
 
 ClutterModel::SpotRate ClutterModel::SpotRateOf(const Plot& plot) const {
-  const double num_frames = std::max(NumFrames(plot.sensor), 1U);
+  const Sensor& sensor = sensors_[plot.sensor];
+  const double num_frames = std::max(sensor.num_frames, 1U);
   SpotRate rate;
   rate.per_plot = 1.0 / num_frames / PlotVolumeM3(plot);
   if (plot.stray_group_rate > 0.0) {
-    rate.num_strays =
-        plot.stray_group_rate * num_frames * around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
+    rate.num_strays = plot.stray_group_rate * num_frames * sensor.spots.VolumeM3(PlaceM(plot));
   }
   return rate;
 }
 
 ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same_time) const {
-  return around_.LevelsAt(plot.sensor, PlaceM(plot), same_time.around);
+  return sensors_[plot.sensor].around.LevelsAt(PlaceM(plot), same_time.around);
 }
 
 ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {

@@ -1,18 +1,66 @@
 // Clutter intensity at the plots of a station.
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "base/queue.hpp"
-#include "scene/clutter_map.hpp"
 #include "scene/plots.hpp"
+#include "scene/range_grid.hpp"
 #include "scene/station_model.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// The narrowest neighbourhood, of a branch.
+constexpr RangeRadius kClutterNarrow{1.5, 0.04};
+
+// Counts the plots of a sensor in neighbourhoods of three sizes. Bins within kExclusionBins of a
+// plot's own do not count towards its clutter: a target takes about that long to leave its place.
+class ClutterMap {
+ public:
+  static constexpr std::size_t kNumLevels = 3;
+  // Levels of a map in the axes of a carrier that travels: clutter of the same kind comes by again
+  // along its way, but no spot does.
+  static constexpr std::size_t kNumAlongLevels = 2;
+  static constexpr std::uint32_t kExclusionBins = 2;
+
+  using LevelCounts = std::array<std::uint32_t, kNumLevels>;
+
+  // The plots of other times in a neighbourhood, and its volume.
+  struct Level {
+    std::uint32_t count = 0;
+    double volume_m3 = 0.0;
+  };
+  using Levels = std::array<Level, kNumLevels>;
+
+  ClutterMap();
+
+  // Adds a plot, or removes it again if `count` is -1. `place_m`: in the scene of its station.
+  void Add(const Eigen::Vector3f& place_m, std::uint32_t bin, std::int32_t count = 1);
+
+  // Returns the plots of the bins excluded for a plot of this bin, from the widest neighbourhood to
+  // the narrowest. Faster, the fewer later bins there are.
+  LevelCounts ExcludedAt(const Eigen::Vector3f& place_m, std::uint32_t bin) const;
+
+  // Returns the levels from the widest to the narrowest. `excluded`: result of ExcludedAt().
+  Levels LevelsAt(const Eigen::Vector3f& place_m, const LevelCounts& excluded) const;
+
+  // Forgets the plots of earlier bins.
+  void Forget(std::uint32_t before_bin);
+
+  // Returns the bins excluded for a plot.
+  static BinRange Excluded(std::uint32_t bin) {
+    return {bin - std::min(bin, kExclusionBins), bin + kExclusionBins + 1};
+  }
+
+ private:
+  std::array<RangeGrid, kNumLevels> levels_;
+};
 
 // Clutter intensity, per m^3 and frame of the sensor of a plot: the largest of the rates of its
 // neighbourhood, its spot and its place, method.md (2) to (4). Takes the plots of frames in any
@@ -21,6 +69,7 @@ class ClutterModel {
  public:
   explicit ClutterModel(const RobustConfig& config);
 
+  // Adds frames of a sensor, or one of their plots.
   void AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint32_t count = 1);
   void Add(const Plot& plot, std::uint32_t bin) { AddCount(plot, bin, 1); }
 
@@ -30,8 +79,7 @@ class ClutterModel {
   // Forgets the frames and plots of earlier bins.
   void Forget(std::uint32_t before_bin);
 
-  // Number of frames of a sensor, in all bins or in `bins`.
-  std::uint32_t NumFrames(std::uint32_t sensor) const;
+  // Number of frames of a sensor in `bins`.
   std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
 
   // The plots about a plot at its own time, in the bins excluded for it.
@@ -81,9 +129,14 @@ class ClutterModel {
     std::uint32_t count;
   };
 
-  struct Frames {
+  struct Sensor {
+    Sensor();
+
     std::uint32_t num_frames = 0;
-    Queue<FrameCount> by_bin{};  // ascending
+    Queue<FrameCount> by_bin;  // ascending
+    ClutterMap around;
+    ClutterMap along;  // while it travels, in the axes of its carrier
+    RangeGrid spots;   // of static objects
   };
 
   static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
@@ -91,9 +144,7 @@ class ClutterModel {
 
   std::size_t num_levels_;
   std::uint32_t forgotten_bins_ = 0;  // earlier ones are forgotten
-  std::vector<Frames> frames_;        // (sensors)
-  ClutterMap around_;
-  ClutterMap along_;  // plots of sensors that travel, in the axes of their carriers
+  std::vector<Sensor> sensors_;
 };
 
 // Sets log_clutter of every plot, after MarkFloating, from the plots of its sensor in the whole

@@ -5,7 +5,7 @@
 #include <functional>
 #include <vector>
 
-#include "scene/clutter_map.hpp"
+#include "scene/clutter.hpp"
 #include "scene/plots.hpp"
 #include "scene/time_bins.hpp"
 

@@ -62,16 +62,16 @@ enum class Persistence : char {
   kTransient,   // repeatedly, but for a part of the recording only
 };
 
-// True if the plots of a place, all within [first_frame, last_frame], are of a transient object:
+// True if the plots of a place, all within these frames, are of a transient object:
 // n plots of one that is always there fall within a share s of the frames with a probability of at
 // most n s^(n - 1), here below 1 in 100, and swaying objects return within less than 20 s.
-bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
-                 std::uint32_t first_frame, std::uint32_t last_frame) {
+bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames, BinRange span) {
   constexpr double kMaxChanceProbability = 0.01;
   constexpr TimeNs kLongestSwayNs = 20'000'000'000;
-  const double share = (last_frame - first_frame + 1.0) / static_cast<double>(frames.size());
-  const TimeNs before_ns = frames[first_frame].begin_ns - frames.front().begin_ns;
-  const TimeNs after_ns = frames.back().end_ns - frames[last_frame].end_ns;
+  const double share =
+      static_cast<double>(span.last - span.first) / static_cast<double>(frames.size());
+  const TimeNs before_ns = frames[span.first].begin_ns - frames.front().begin_ns;
+  const TimeNs after_ns = frames.back().end_ns - frames[span.last - 1].end_ns;
   return num_plots * std::pow(share, num_plots - 1.0) < kMaxChanceProbability &&
          before_ns + after_ns > kLongestSwayNs;
 }
@@ -80,17 +80,13 @@ std::vector<Persistence> PersistencesOf(const Recording& recording, const std::v
                                         const RangeRadius& place) {
   StaticPlaces static_places(place);
   for (const Plot& plot : plots) static_places.Add(plot.position_m.cast<float>(), plot.frame);
-  BinSet seen(recording.frames.size());
-  std::vector<std::uint32_t> frames;
   std::vector<Persistence> persistences(plots.size(), Persistence::kIncidental);
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
     if (!static_places.IsStatic(place_m)) continue;
-    static_places.places().InsertBins(place_m, &seen);
-    frames.clear();
-    seen.MoveTo(&frames);
-    const bool is_transient = IsTransient(static_places.places().Count(place_m), recording.frames,
-                                          frames.front(), frames.back());
+    const RangeGrid& places = static_places.places();
+    const bool is_transient =
+        IsTransient(places.Count(place_m), recording.frames, places.SpanOf(place_m));
     persistences[i] = is_transient ? Persistence::kTransient : Persistence::kPersistent;
   }
   return persistences;
@@ -117,38 +113,75 @@ std::vector<StaticDetections> ByTime(const std::vector<Plot>& plots,
   return all_static;
 }
 
-// Counts the static plots around a plot.
-struct NeighbourCount {
-  const Eigen::Vector3d& position_m;
-  double reach_m;
-  Neighbours neighbours{};
+// Static plots around unsupported static ones at the same times, summed over these.
+struct Neighbours {
+  std::int32_t plots = 0;         // unsupported ones
+  std::int32_t self = 0;          // within the size of a body, themselves included,
+  std::int32_t neighbouring = 0;  // within reach of a support,
+  std::int32_t surrounding = 0;   // and farther away
+
+  Neighbours& operator+=(const Neighbours& other) {
+    plots += other.plots;
+    self += other.self;
+    neighbouring += other.neighbouring;
+    surrounding += other.surrounding;
+    return *this;
+  }
+};
+
+constexpr double kOuterReachFactor = 5.0;  // radius of the surroundings over the reach
+
+// Counts the static plots around an unsupported one.
+class NeighbourCount {
+ public:
+  NeighbourCount(const Eigen::Vector3d& position_m, double reach_m)
+      : position_m_(position_m), reach_m_(reach_m), outer_m_(kOuterReachFactor * reach_m) {}
 
   // Adds the places of a node: all at once where the nearest and the farthest point of its box are
   // counted alike.
   void Add(const PointTree<double>& places_m, std::uint32_t id) {
     const PointTree<double>::Node& node = places_m.nodes()[id];
-    const Eigen::Vector3d below_m = position_m - node.low_m;
-    const Eigen::Vector3d above_m = node.high_m - position_m;
+    const Eigen::Vector3d below_m = position_m_ - node.low_m;
+    const Eigen::Vector3d above_m = node.high_m - position_m_;
     const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
     const double farthest_m = below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm();
-    const auto size = static_cast<std::int32_t>(node.end - node.begin);
-    if (Neighbours::AreAlike(nearest_m, farthest_m, reach_m)) {
-      neighbours.Add(nearest_m, reach_m, size);
+    if (nearest_m >= outer_m_) return;
+    std::int32_t* const count = CountAt(nearest_m);
+    if (count == CountAt(farthest_m) && farthest_m < outer_m_) {
+      *count += static_cast<std::int32_t>(node.end - node.begin);
     } else if (node.IsLeaf()) {
       for (std::uint32_t i = node.begin; i < node.end; ++i) {
-        neighbours.Add((position_m - places_m.points_m()[i]).norm(), reach_m);
+        const double distance_m = (position_m_ - places_m.points_m()[i]).norm();
+        if (distance_m < outer_m_) ++*CountAt(distance_m);
       }
     } else {
       Add(places_m, node.left);
       Add(places_m, node.right);
     }
   }
+
+  const Neighbours& neighbours() const { return neighbours_; }
+
+ private:
+  // The count of the plots at a distance within the surroundings.
+  std::int32_t* CountAt(double distance_m) {
+    if (distance_m <= kObjectRadiusM) return &neighbours_.self;
+    return distance_m < reach_m_ ? &neighbours_.neighbouring : &neighbours_.surrounding;
+  }
+
+  const Eigen::Vector3d& position_m_;
+  double reach_m_;
+  double outer_m_;
+  Neighbours neighbours_{1};
 };
 
-// Adds the floating plots, with the static ones around them at the same time.
-void AddFloating(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
-                 const Support& support, NeighbourTest* test) {
+// The neighbours of unsupported static plots, by place.
+using NeighbourTable = ShellTable<Neighbours>;
+
+NeighbourTable NeighboursOf(const std::vector<Plot>& plots,
+                            const std::vector<Persistence>& persistences, const Support& support) {
   constexpr TimeNs kSameTimeNs = 300'000'000;  // at most so much earlier or later
+  NeighbourTable table({kObjectRadiusM, 0.01});
   const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
   auto first = all_static.begin();
   for (std::size_t i = 0; i < plots.size(); ++i) {
@@ -159,12 +192,28 @@ void AddFloating(const std::vector<Plot>& plots, const std::vector<Persistence>&
     if (!plot.is_floating) continue;
     const Eigen::Vector3f place_m = plot.position_m.cast<float>();
     const bool is_transient = persistences[i] == Persistence::kTransient;
-    NeighbourCount count{plot.position_m, support.ReachM(place_m, is_transient)};
+    NeighbourCount count(plot.position_m, support.ReachM(place_m, is_transient));
     for (auto at = first; at != all_static.end() && at->time_ns <= to_ns; ++at) {
       count.Add(at->places_m, 0);
     }
-    test->Add(place_m, count.neighbours);
+    table.VisitOverlappingShells(
+        place_m, {}, [&](std::uint32_t, Neighbours& sum, bool) { sum += count.neighbours(); });
   }
+  return table;
+}
+
+// True if the unsupported static plots of a place, at least one, have more static neighbours within
+// reach than chance allows, as the density farther away tells: objects hit too seldom to be
+// structure can hold them up as well. Static plots at other times do not count, as they may be the
+// target itself.
+bool HasNeighbours(const NeighbourTable& table, const Eigen::Vector3f& place_m) {
+  Neighbours sum;
+  table.VisitNeighbourhood(place_m, [&](const Neighbours& one) { sum += one; });
+  // Each neighbour was counted once for every plot of this place near it in time.
+  const double times = static_cast<double>(sum.self) / sum.plots;
+  const double chance =
+      sum.surrounding / times / (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);
+  return sum.neighbouring / times > chance + 2.0 * std::sqrt(chance);
 }
 
 }  // namespace
@@ -184,14 +233,21 @@ void MarkFloating(const Recording& recording, const Support& support, const Robu
                        support.IsFloating(plot.position_m.cast<float>(),
                                           persistences[i] == Persistence::kTransient);
   }
-  NeighbourTest neighbour_test;
-  AddFloating(*plots, persistences, support, &neighbour_test);
+  const NeighbourTable neighbours = NeighboursOf(*plots, persistences, support);
   const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.is_floating = plot.is_floating && !are_replayed[i] &&
-                       !neighbour_test.HasNeighbours(plot.position_m.cast<float>());
+                       !HasNeighbours(neighbours, plot.position_m.cast<float>());
   }
+}
+
+bool StaticPlaces::IsStatic(const Eigen::Vector3f& place_m) const {
+  constexpr std::uint32_t kMinPlots = 3;
+  const std::uint32_t here = places_.Count(place_m);
+  const double chance =
+      regions_.Count(place_m) * places_.VolumeM3(place_m) / regions_.VolumeM3(place_m);
+  return here >= kMinPlots && here > chance + 3.0 * std::sqrt(chance);
 }
 
 BinRange FloatingPlots::RecentBins(std::uint32_t bin) {

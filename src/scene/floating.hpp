@@ -1,16 +1,48 @@
 // Detects static plots without support.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "scene/range_grid.hpp"
-#include "scene/static_places.hpp"
 #include "scene/support.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// Counts plots at places and in the regions around them. The plots of static objects are nearer to
+// each other than chance allows, which those of rain are not.
+class StaticPlaces {
+ public:
+  explicit StaticPlaces(const RangeRadius& place)
+      : places_(place), regions_({kWider * place.constant_m, kWider * place.slope}) {}
+
+  void Add(const Eigen::Vector3f& place_m, std::uint32_t bin) {
+    places_.Add(place_m, bin);
+    regions_.Add(place_m, bin);
+  }
+
+  // True if a place holds more plots than chance allows: 3 standard deviations above the mean.
+  bool IsStatic(const Eigen::Vector3f& place_m) const;
+
+  // The plots at places, by bin.
+  const RangeGrid& places() const { return places_; }
+
+  // Forgets the plots of earlier bins.
+  void Forget(std::uint32_t before_bin) {
+    places_.Forget(before_bin);
+    regions_.Forget(before_bin);
+  }
+
+ private:
+  static constexpr double kWider = 3.0;  // radius of a region over that of a place
+
+  RangeGrid places_;
+  RangeGrid regions_;
+};
 
 // Sets is_floating of the plots that are static and unsupported. Static: their place holds more
 // plots than chance allows, which excludes rain. Plots with neighbours (other static plots beside

@@ -1,19 +1,9 @@
 #include "scene/range_grid.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace unlidar {
-
-void BinSet::MoveTo(std::vector<std::uint32_t>* bins) {
-  for (std::size_t word = first_; word < last_; ++word) {
-    for (std::uint64_t& bits = words_[word]; bits != 0; bits &= bits - 1) {
-      bins->push_back(static_cast<std::uint32_t>(word * kBits) +
-                      static_cast<std::uint32_t>(__builtin_ctzll(bits)));
-    }
-  }
-  first_ = words_.size();
-  last_ = 0;
-}
 
 std::uint32_t RangeGrid::NewBinCount(const BinCount& value) {
   if (free_ == kNone) {
@@ -132,13 +122,15 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) co
   });
 }
 
-void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
+BinRange RangeGrid::SpanOf(const Eigen::Vector3f& point_m) const {
+  BinRange span{kNone, 0};
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) {
     VisitBins(profile, [&](const BinCount& at) {
-      if (at.count > 0) bins->Insert(at.bin);
+      if (at.count > 0) span = {std::min(span.first, at.bin), std::max(span.last, at.bin + 1)};
       return true;
     });
   });
+  return span;
 }
 
 }  // namespace unlidar

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -18,30 +17,6 @@ struct BinRange {
   friend bool operator==(const BinRange& a, const BinRange& b) {
     return a.first == b.first && a.last == b.last;
   }
-};
-
-// A reusable set of time bins, stored as bits. Emptying it visits one word per 64 bins between its
-// lowest and highest bin.
-class BinSet {
- public:
-  explicit BinSet(std::size_t num_bins) : words_(num_bins / kBits + 1, 0) {}
-
-  void Insert(std::uint32_t bin) {
-    const std::size_t word = bin / kBits;
-    words_[word] |= std::uint64_t{1} << (bin % kBits);
-    if (word < first_) first_ = word;
-    if (word >= last_) last_ = word + 1;
-  }
-
-  // Moves all bins to the end of `bins`, in ascending order.
-  void MoveTo(std::vector<std::uint32_t>* bins);
-
- private:
-  static constexpr std::size_t kBits = 64;
-
-  std::vector<std::uint64_t> words_;
-  std::size_t first_ = words_.size();  // words [first_, last_) may hold bins
-  std::size_t last_ = 0;
 };
 
 // Counts of points per voxel and time bin; voxels and neighbourhoods are those of ShellTable.
@@ -67,8 +42,9 @@ class RangeGrid {
   std::uint32_t Count(const Eigen::Vector3f& point_m) const;
   std::uint32_t Count(const Eigen::Vector3f& point_m, BinRange bins) const;
 
-  // Adds the bins in which the neighbourhood of `point_m` has points to `bins`.
-  void InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const;
+  // Returns the bins from the first to the last one in which the neighbourhood of `point_m`, not
+  // empty, has points.
+  BinRange SpanOf(const Eigen::Vector3f& point_m) const;
 
   // Volume of the neighbourhood of a point, m^3.
   double VolumeM3(const Eigen::Vector3f& point_m) const { return places_.VolumeM3(point_m); }

@@ -190,8 +190,8 @@ void LiveEngine::EndTracks() {
   tracker_->Close(newest_ns());
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor& sensor = sensors_[i];
-    sensor.pose.Finish(sensor.frames.info().name);
-    std::vector<Warning> warnings = sensor.pose.TakeWarnings();
+    sensor.pose.Finish();
+    std::vector<Warning> warnings = sensor.pose.WarningsOf(sensor.frames.info().name);
     sensor.frames.AppendWarnings(are_metres_, &warnings);
     Warn(i, std::move(warnings));
   }
@@ -248,7 +248,7 @@ void LiveEngine::RemoveSway(LoadedFrame* frame) {
                              [frame](std::size_t i) { return frame->times_ns[i]; }};
   const SensorInfo& info = sensors_[frame->info.sensor].frames.info();
   sway_.Correct(sway_.Observe(info, swaying), swaying);
-  const auto warning = sway_.TakeWarning(frame->info.sensor, info.name);
+  const auto warning = sway_.WarningOf(frame->info.sensor, info.name);
   if (warning) Warn(frame->info.sensor, {*warning});
 }
 
@@ -259,7 +259,7 @@ void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   sensor.sensor_health.AddFrame(info, frame.info.begin_ns, frame.points_m);
   if (is_endless_) return;  // the recording is checked at the end
   sensor.pose.AddFrame(info, frame.info.begin_ns, frame.points_m);
-  Warn(frame.info.sensor, sensor.pose.TakeWarnings());
+  Warn(frame.info.sensor, sensor.pose.WarningsOf(info.name));
 }
 
 // Keeps the first warning of each code and sensor, also across restarts.

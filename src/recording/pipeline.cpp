@@ -163,17 +163,17 @@ FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors)
   };
 }
 
-void TakeFindings(Sway* sway, std::vector<SensorMonitor>* monitors, PipelineResult* result) {
+void TakeFindings(const Sway& sway, std::vector<SensorMonitor>* monitors, PipelineResult* result) {
   result->warnings = result->recording.warnings;
   for (std::size_t i = 0; i < monitors->size(); ++i) {
     SensorMonitor& monitor = (*monitors)[i];
     result->blinded_s.push_back(monitor.sensor_health.blinded_s());
     const std::string& name = result->recording.sensors[i].name;
     const auto sensor = static_cast<std::uint32_t>(i);
-    result->sway_deg.push_back(sway->LargestDeg(sensor));
-    if (auto warning = sway->TakeWarning(sensor, name)) result->warnings.push_back(*warning);
-    monitor.pose.Finish(name);
-    for (Warning& warning : monitor.pose.TakeWarnings()) {
+    result->sway_deg.push_back(sway.LargestDeg(sensor));
+    if (auto warning = sway.WarningOf(sensor, name)) result->warnings.push_back(*warning);
+    monitor.pose.Finish();
+    for (Warning& warning : monitor.pose.WarningsOf(name)) {
       result->warnings.push_back(std::move(warning));
     }
   }
@@ -221,7 +221,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     result.robust_counts = robust.counts;
     if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
   }
-  TakeFindings(&sway, &monitors, &result);
+  TakeFindings(sway, &monitors, &result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;

@@ -33,21 +33,13 @@ Warning WarningOf(const std::string& sensor, const EgoMotion::Motion& motion) {
 void PoseCheck::AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m) {
   up_.AddFrame(time_ns, points_m, sensor.origin_m);
   if (sensor.carrier == nullptr) motion_.AddFrame(time_ns, points_m, sensor.origin_m);
-  Warn(sensor.name);
 }
 
-void PoseCheck::Finish(const std::string& sensor) {
-  up_.Finish();
-  Warn(sensor);
-}
-
-void PoseCheck::Warn(const std::string& sensor) {
-  if (up_.found() && !std::exchange(has_warned_up_, true)) {
-    warnings_.push_back(WarningOf(sensor, *up_.found()));
-  }
-  if (motion_.found() && !std::exchange(has_warned_motion_, true)) {
-    warnings_.push_back(WarningOf(sensor, *motion_.found()));
-  }
+std::vector<Warning> PoseCheck::WarningsOf(const std::string& sensor) const {
+  std::vector<Warning> warnings;
+  if (motion_.found()) warnings.push_back(WarningOf(sensor, *motion_.found()));
+  if (up_.found()) warnings.push_back(WarningOf(sensor, *up_.found()));
+  return warnings;
 }
 
 }  // namespace unlidar

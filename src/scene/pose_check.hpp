@@ -2,7 +2,6 @@
 #pragma once
 
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "base/recording.hpp"
@@ -12,7 +11,7 @@
 
 namespace unlidar {
 
-// Checks one sensor from its frames, in the common coordinate frame. Emits each warning once:
+// Checks one sensor from its frames, in the common coordinate frame. Its warnings:
 //
 //   upside_down   z points down
 //   z_not_up      z points in another direction
@@ -22,19 +21,14 @@ class PoseCheck {
   void AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m);
 
   // Completes the checks after the last frame.
-  void Finish(const std::string& sensor);
+  void Finish() { up_.Finish(); }
 
-  // Returns the warnings since the last call.
-  std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
+  // Returns the warnings so far.
+  std::vector<Warning> WarningsOf(const std::string& sensor) const;
 
  private:
-  void Warn(const std::string& sensor);
-
   UpDirection up_;
   EgoMotion motion_;
-  bool has_warned_up_ = false;
-  bool has_warned_motion_ = false;
-  std::vector<Warning> warnings_;
 };
 
 }  // namespace unlidar

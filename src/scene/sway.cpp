@@ -221,21 +221,14 @@ void Sway::Correct(const SwayEstimate& estimate, const SwayingFrame& frame) cons
       Eigen::Quaterniond(Eigen::AngleAxisd(angle_rad, turn_rad / angle_rad)).cast<float>();
 }
 
-void Sway::Forget(std::uint32_t sensor) {
-  station_of_.erase(sensor);
-  warned_of_.erase(sensor);
-}
-
 double Sway::LargestDeg(std::uint32_t sensor) const {
   const auto station = station_of_.find(sensor);
   return station == station_of_.end() ? 0.0 : stations_[station->second].largest_rad / kRadPerDeg;
 }
 
-std::optional<Warning> Sway::TakeWarning(std::uint32_t sensor, const std::string& name) {
+std::optional<Warning> Sway::WarningOf(std::uint32_t sensor, const std::string& name) const {
   const double largest_deg = LargestDeg(sensor);
-  if (largest_deg == 0.0 || stations_[station_of_.at(sensor)].first_sensor != sensor ||
-      !warned_of_.insert(sensor).second)
-    return {};
+  if (largest_deg == 0.0 || stations_[station_of_.at(sensor)].first_sensor != sensor) return {};
   return Warning{"sensor_sways", name + ": the LiDAR sways (by " + FixedText(largest_deg, 1) +
                                      " degrees): its motion is estimated from what stands still "
                                      "and removed"};

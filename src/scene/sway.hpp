@@ -8,7 +8,6 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -64,14 +63,14 @@ class Sway {
   void Correct(const SwayEstimate& estimate, const SwayingFrame& frame) const;
 
   // Forgets a sensor, whose number is another one's from now on.
-  void Forget(std::uint32_t sensor);
+  void Forget(std::uint32_t sensor) { station_of_.erase(sensor); }
 
   // Returns the largest amplitude of the rotation so far, over some seconds; 0 unless the station
   // of the sensor swayed.
   double LargestDeg(std::uint32_t sensor) const;
 
-  // Returns the warning that a station sways, once and for its first sensor.
-  std::optional<Warning> TakeWarning(std::uint32_t sensor, const std::string& name);
+  // Returns the warning that a station sways, for its first sensor.
+  std::optional<Warning> WarningOf(std::uint32_t sensor, const std::string& name) const;
 
  private:
   // State of a period.
@@ -112,7 +111,6 @@ class Sway {
   Stations places_;
   std::vector<Station> stations_;
   std::map<std::uint32_t, std::size_t> station_of_;
-  std::set<std::uint32_t> warned_of_;  // sensors
   std::vector<TimedReturn> sampled_;
 };
 

@@ -92,20 +92,16 @@ std::vector<std::string> CodesOf(const std::function<Points(double)>& frame_at, 
   SensorInfo sensor;
   sensor.name = "roof";
   sensor.carrier = carrier;
-  std::vector<std::string> codes;
-  const auto take = [&] {
-    for (const Warning& warning : check.TakeWarnings()) {
-      codes.push_back(warning.code);
-      EXPECT_EQ(warning.text.substr(0, 6), "roof: ");
-    }
-  };
   for (int i = 0; i * 0.1 < seconds; ++i) {
     const Points points_m = frame_at(i * 0.1);
     check.AddFrame(sensor, kBeginNs + i * kPeriodNs, points_m);
-    take();
   }
-  check.Finish("roof");
-  take();
+  check.Finish();
+  std::vector<std::string> codes;
+  for (const Warning& warning : check.WarningsOf("roof")) {
+    codes.push_back(warning.code);
+    EXPECT_EQ(warning.text.substr(0, 6), "roof: ");
+  }
   return codes;
 }
 

@@ -113,12 +113,45 @@ FrameFeed FeedOf(const Recording& recording) {
   };
 }
 
-// Wraps a feed so that the sway of stations is removed from its frames, from the first frame of a
-// period on.
-FrameFeed WithoutSway(const FrameFeed& feed, Sway* sway) {
-  return [&feed, sway](TimeNs until_ns, Recording* recording) {
-    const std::size_t known = recording->frames.size();
-    const TimeNs next_ns = feed(until_ns, recording);
+// Checks the sensors by their frames, and removes the sway of their stations.
+class SensorMonitors {
+ public:
+  explicit SensorMonitors(bool removes_sway) : removes_sway_(removes_sway) {}
+
+  // Adds the frames of a recording from number `first` on.
+  void Add(std::size_t first, Recording* recording) {
+    if (removes_sway_) RemoveSway(first, recording);
+    health_.resize(recording->sensors.size());
+    poses_.resize(recording->sensors.size());
+    for (std::size_t i = first; i < recording->frames.size(); ++i) {
+      const FrameInfo& frame = recording->frames[i];
+      const SensorInfo& sensor = recording->sensors[frame.sensor];
+      const PointsView points_m(recording->points_m.data() + frame.first_return,
+                                frame.last_return - frame.first_return);
+      health_[frame.sensor].AddFrame(sensor, frame.begin_ns, points_m);
+      poses_[frame.sensor].AddFrame(sensor, frame.begin_ns, points_m);
+    }
+  }
+
+  // No frame will follow.
+  void Finish(PipelineResult* result) {
+    result->warnings = result->recording.warnings;
+    for (std::uint32_t i = 0; i < health_.size(); ++i) {
+      const std::string& name = result->recording.sensors[i].name;
+      result->blinded_s.push_back(health_[i].blinded_s());
+      result->sway_deg.push_back(sway_.LargestDeg(i));
+      if (auto warning = sway_.WarningOf(i, name)) result->warnings.push_back(*warning);
+      poses_[i].Finish();
+      for (Warning& warning : poses_[i].WarningsOf(name)) {
+        result->warnings.push_back(std::move(warning));
+      }
+    }
+  }
+
+ private:
+  // All frames are observed before the first is corrected: sway is removed from the first frame of
+  // a period on.
+  void RemoveSway(std::size_t first_frame, Recording* recording) {
     const auto frame_of = [&](std::size_t i) {
       FrameInfo& info = recording->frames[i];
       const std::size_t first = info.first_return;
@@ -127,57 +160,20 @@ FrameFeed WithoutSway(const FrameFeed& feed, Sway* sway) {
           [recording, first](std::size_t k) { return recording->times_ns[first + k]; }};
     };
     std::vector<SwayEstimate> estimates;
-    for (std::size_t i = known; i < recording->frames.size(); ++i) {
+    for (std::size_t i = first_frame; i < recording->frames.size(); ++i) {
       estimates.push_back(
-          sway->Observe(recording->sensors[recording->frames[i].sensor], frame_of(i)));
+          sway_.Observe(recording->sensors[recording->frames[i].sensor], frame_of(i)));
     }
-    for (std::size_t i = known; i < recording->frames.size(); ++i) {
-      sway->Correct(sway->Refine(estimates[i - known], frame_of(i)), frame_of(i));
-    }
-    return next_ns;
-  };
-}
-
-// Monitors of the state of a sensor, fed by its frames.
-struct SensorMonitor {
-  SensorHealth sensor_health;
-  PoseCheck pose;
-};
-
-// Wraps a feed so that its frames also update the monitors.
-FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors) {
-  return [&feed, monitors](TimeNs until_ns, Recording* recording) {
-    const std::size_t known = recording->frames.size();
-    const TimeNs next_ns = feed(until_ns, recording);
-    monitors->resize(recording->sensors.size());
-    for (std::size_t i = known; i < recording->frames.size(); ++i) {
-      const FrameInfo& frame = recording->frames[i];
-      const SensorInfo& sensor = recording->sensors[frame.sensor];
-      const PointsView points_m(recording->points_m.data() + frame.first_return,
-                                frame.last_return - frame.first_return);
-      SensorMonitor& monitor = (*monitors)[frame.sensor];
-      monitor.sensor_health.AddFrame(sensor, frame.begin_ns, points_m);
-      monitor.pose.AddFrame(sensor, frame.begin_ns, points_m);
-    }
-    return next_ns;
-  };
-}
-
-void TakeFindings(const Sway& sway, std::vector<SensorMonitor>* monitors, PipelineResult* result) {
-  result->warnings = result->recording.warnings;
-  for (std::size_t i = 0; i < monitors->size(); ++i) {
-    SensorMonitor& monitor = (*monitors)[i];
-    result->blinded_s.push_back(monitor.sensor_health.blinded_s());
-    const std::string& name = result->recording.sensors[i].name;
-    const auto sensor = static_cast<std::uint32_t>(i);
-    result->sway_deg.push_back(sway.LargestDeg(sensor));
-    if (auto warning = sway.WarningOf(sensor, name)) result->warnings.push_back(*warning);
-    monitor.pose.Finish();
-    for (Warning& warning : monitor.pose.WarningsOf(name)) {
-      result->warnings.push_back(std::move(warning));
+    for (std::size_t i = first_frame; i < recording->frames.size(); ++i) {
+      sway_.Correct(sway_.Refine(estimates[i - first_frame], frame_of(i)), frame_of(i));
     }
   }
-}
+
+  bool removes_sway_;
+  Sway sway_;
+  std::vector<SensorHealth> health_;  // (sensors)
+  std::vector<PoseCheck> poses_;      // (sensors)
+};
 
 // Reads the recording and finds its targets.
 std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
@@ -185,11 +181,13 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
   Recording& recording = result.recording;
   std::vector<Target> targets;
-  std::vector<SensorMonitor> monitors;
-  Sway sway;
-  const bool removes_sway = config.robust.Uses(Rule::kSway);
-  const FrameFeed at_rest = removes_sway ? WithoutSway(frames, &sway) : frames;
-  const FrameFeed feed = Monitored(at_rest, &monitors);
+  SensorMonitors monitors(config.robust.Uses(Rule::kSway));
+  const FrameFeed feed = [&](TimeNs until_ns, Recording* part) {
+    const std::size_t known = part->frames.size();
+    const TimeNs next_ns = frames(until_ns, part);
+    monitors.Add(known, part);
+    return next_ns;
+  };
   // The paper's scores are those of a whole recording.
   Recording whole;
   if (config.method == Method::kPaper || request.score_clusters) {
@@ -221,7 +219,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     result.robust_counts = robust.counts;
     if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
   }
-  TakeFindings(sway, &monitors, &result);
+  monitors.Finish(&result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;

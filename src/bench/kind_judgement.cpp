@@ -117,8 +117,10 @@ bool HasPause(const Path& path, double begin_s, double end_s) {
 
 void ForgetHeights(Trajectory* trajectory) {
   constexpr double kUnknownM2 = 1e6;
-  for (auto& row : trajectory->covariances_m2) {
-    for (Eigen::Matrix3d& block : row) block(2, 2) += kUnknownM2;
+  for (std::size_t z = 2; z < trajectory->covariance_m2.size(); z += 3) {
+    for (int other_z = 0; other_z < kBandRows; other_z += 3) {
+      trajectory->covariance_m2[z][other_z] += kUnknownM2;
+    }
   }
 }
 

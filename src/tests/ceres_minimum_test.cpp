@@ -14,7 +14,6 @@
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "trajectory/spline_model.hpp"
-#include "trajectory/spline_row.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 #include "trajectory/truncated_loss.hpp"
@@ -180,7 +179,7 @@ TEST(CeresMinimum, TheSameMeasurementsGiveTheSameBits) {
   const Trajectory a = FitTrajectoryByCeres(measurements, {});
   const Trajectory b = FitTrajectoryByCeres(measurements, {});
   EXPECT_EQ(a.control_points_m, b.control_points_m);
-  EXPECT_EQ(a.covariances_m2, b.covariances_m2);
+  EXPECT_EQ(a.covariance_m2, b.covariance_m2);
 }
 
 TEST(CeresMinimum, WhereCeresDoesNotConvergeItIsThatOfTheBandedSolver) {

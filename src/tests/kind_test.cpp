@@ -55,9 +55,7 @@ Eigen::Vector3d Circling(double t) {
 
 // A trajectory with other sigmas.
 Trajectory LessSure(Trajectory trajectory, double times) {
-  for (auto& row : trajectory.covariances_m2) {
-    for (Eigen::Matrix3d& block : row) block *= times * times;
-  }
+  for (auto& column : trajectory.covariance_m2) column *= times * times;
   return trajectory;
 }
 

@@ -690,7 +690,7 @@ TEST(Trajectory, WhatAFitterFittedBeforeChangesNothing) {
       EXPECT_EQ(trajectory.agility, anew.agility);
       EXPECT_EQ(trajectory.weights, anew.weights);
       EXPECT_EQ(trajectory.control_points_m, anew.control_points_m);
-      EXPECT_EQ(trajectory.covariances_m2, anew.covariances_m2);
+      EXPECT_EQ(trajectory.covariance_m2, anew.covariance_m2);
       EXPECT_EQ(trajectory.minimum.iterations, anew.minimum.iterations);
     }
   }

@@ -1,5 +1,6 @@
 #include "trajectory/banded.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace unlidar {
@@ -9,6 +10,19 @@ std::size_t Size(const BandedMatrix& matrix) { return matrix.size() - (kBandRows
 
 // A column padded with zeros, so that loops have a fixed length known to the compiler.
 using Padded = Eigen::Matrix<double, 2 * kBandRows, 1>;
+
+// Block for the points i and i + d.
+Eigen::Matrix3d BlockOf(const BandedMatrix& matrix, int i, int d) {
+  Eigen::Matrix3d block;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      const int low = std::min(3 * i + r, 3 * (i + d) + c);
+      const int high = std::max(3 * i + r, 3 * (i + d) + c);
+      block(r, c) = matrix[Index(low)][high - low];
+    }
+  }
+  return block;
+}
 
 }  // namespace
 
@@ -59,6 +73,18 @@ void SolveBanded(const BandedMatrix& factor, std::vector<double>& x) {
     x[j] = (x[j] - column.tail<kBandRows - 1>().dot(below(j))) / column[0];
   }
   x.resize(size);
+}
+
+Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
+                                const BandedMatrix& covariance) {
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  for (int a = 0; a < 4; ++a) {
+    for (int b = a; b < 4; ++b) {
+      const Eigen::Matrix3d ab = BlockOf(covariance, first + a, b - a);
+      sum += (a == b ? 0.5 : 1.0) * basis[a] * basis[b] * (ab + ab.transpose());
+    }
+  }
+  return sum;
 }
 
 void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse) {

@@ -31,6 +31,11 @@ double LogDeterminantBanded(const BandedMatrix& factor);
 // Solves A x = b in place, from the factor L of A.
 void SolveBanded(const BandedMatrix& factor, std::vector<double>& x);
 
+// (3, 3) covariance of sum_j basis[j] c[first + j] of points c, whose coordinates have this
+// covariance.
+Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
+                                const BandedMatrix& covariance);
+
 // Computes inv(A) within the band from the factor L of A (Takahashi, Fagan and Chen 1973).
 void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse);
 

@@ -33,18 +33,4 @@ Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interva
 // of the interval.
 Eigen::Vector4d EvaluateBasis(const Eigen::Matrix4d& polynomials, double u_s, int derivative);
 
-// Returns the (3, 3) covariance of a point from that of its four control points: block(a, d) is the
-// covariance of the control points a and a + d.
-template <class BlockOf>
-Eigen::Matrix3d CovarianceOfPoint(const Eigen::Vector4d& basis, const BlockOf& block) {
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  for (int a = 0; a < 4; ++a) {
-    for (int b = a; b < 4; ++b) {
-      const Eigen::Matrix3d ab = block(a, b - a);
-      covariance += (a == b ? 0.5 : 1.0) * basis[a] * basis[b] * (ab + ab.transpose());
-    }
-  }
-  return covariance;
-}
-
 }  // namespace unlidar

@@ -12,10 +12,10 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <vector>
 
 #include "base/recording.hpp"
+#include "trajectory/banded.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
@@ -46,8 +46,7 @@ struct Trajectory {
   // because it differs along and across the direction of flight.
   std::vector<Eigen::Matrix3d> agility;
   std::vector<Eigen::Vector3d> control_points_m;
-  // Entry d of control point i: covariance with control point i + d.
-  std::vector<std::array<Eigen::Matrix3d, 4>> covariances_m2;
+  BandedMatrix covariance_m2;  // of the coordinates of neighbouring control points
 
   TimeNs begin_ns() const { return origin_ns; }  // first and last measurement
   TimeNs end_ns() const { return origin_ns + duration_ns; }

@@ -3,6 +3,7 @@
 #include <array>
 #include <utility>
 
+#include "base/maths.hpp"
 #include "trajectory/ceres_minimum.hpp"
 
 namespace unlidar {
@@ -93,7 +94,8 @@ void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
   trajectory.agility = model_.agility;
   trajectory.control_points_m = fit_.control_points_m;
   trajectory.weights = fit_.weights;
-  SetCovariances(fit_, scales, trajectory.covariances_m2);
+  trajectory.covariance_m2 = fit_.inverse;
+  for (auto& column : trajectory.covariance_m2) column *= Square(scales.noise);
 }
 
 }  // namespace unlidar

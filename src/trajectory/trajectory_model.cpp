@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/maths.hpp"
-#include "trajectory/bspline.hpp"
 
 namespace unlidar {
 namespace {
@@ -25,19 +24,6 @@ constexpr double kNoiseScaleSpread = 0.5;
 constexpr double kMinNoiseScale = 0.5;
 constexpr double kMaxNoiseScale = 3.0;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
-
-// Block of the inverse for the control points i and i + d.
-Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
-  Eigen::Matrix3d block;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) {
-      const int low = std::min(3 * i + r, 3 * (i + d) + c);
-      const int high = std::max(3 * i + r, 3 * (i + d) + c);
-      block(r, c) = inverse[Index(low)][high - low];
-    }
-  }
-  return block;
-}
 
 // Squared Mahalanobis distance of a measurement from the prediction of all others. With V = the
 // posterior covariance in units of the measurement's own, w its weight in it and r its residual:
@@ -109,12 +95,6 @@ bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& 
 }
 
 }  // namespace
-
-Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
-                                const BandedMatrix& inverse) {
-  return CovarianceOfPoint(basis,
-                           [&](int a, int d) { return InverseBlock(inverse, first + a, d); });
-}
 
 TruncatedLoss LossOf(const TrajectoryScales& scales) {
   return {Square(kOutlierSigmas) * Square(scales.noise)};
@@ -241,17 +221,6 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     log_noise += share * c.log_noise;
   }
   return {{acceleration / sum, std::exp(log_noise / sum), tau_s}, best + std::log(sum) + log_tau};
-}
-
-void SetCovariances(const SplineFit& fit, const TrajectoryScales& scales,
-                    std::vector<std::array<Eigen::Matrix3d, 4>>& covariances_m2) {
-  covariances_m2.resize(fit.control_points_m.size());
-  for (std::size_t i = 0; i < covariances_m2.size(); ++i) {
-    for (std::size_t d = 0; d < 4; ++d) {
-      covariances_m2[i][d] = Square(scales.noise) *
-                             InverseBlock(fit.inverse, static_cast<int>(i), static_cast<int>(d));
-    }
-  }
 }
 
 }  // namespace unlidar

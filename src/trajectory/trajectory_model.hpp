@@ -3,7 +3,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <vector>
 
 #include "trajectory/banded.hpp"
@@ -34,10 +33,6 @@ struct FitMemory {
   std::vector<Candidate> candidates;
   std::vector<double> bests;  // (ratios) best log posterior
 };
-
-// (3, 3) covariance of sum_j basis[j] c[first + j] at noise 1.
-Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
-                                const BandedMatrix& inverse);
 
 // The loss of a measurement at these scales.
 TruncatedLoss LossOf(const TrajectoryScales& scales);
@@ -72,9 +67,5 @@ struct ScaleSearch {
 };
 ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
                          const TrajectoryConfig& config, FitMemory& memory);
-
-// Posterior covariance of neighbouring control points, see Trajectory::covariances_m2.
-void SetCovariances(const SplineFit& fit, const TrajectoryScales& scales,
-                    std::vector<std::array<Eigen::Matrix3d, 4>>& covariances_m2);
 
 }  // namespace unlidar

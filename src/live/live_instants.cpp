@@ -1,14 +1,13 @@
 #include "live/live_instants.hpp"
 
 #include <algorithm>
-#include <cstdint>
 #include <variant>
 
 namespace unlidar {
 namespace {
 
 // No track continues through a longer pause: twice the largest robust.tracker.max_gap_s.
-constexpr std::uint64_t kPauseNs = 1'200'000'000'000;
+constexpr TimeNs kPauseNs = 1'200'000'000'000;
 
 }  // namespace
 
@@ -19,7 +18,8 @@ void LiveInstants::Add(const FrameInfo& frame) {
   }
   if (const auto* rate = std::get_if<Rate>(&times_)) {
     if (!of_rate_) of_rate_.emplace(*rate, frame.begin_ns, frame.begin_ns);
-    SkipPause(frame.begin_ns, static_cast<double>(rate->nanohertz));
+    // A stamp decades ahead must not fill the memory.
+    next_ = std::max(next_, of_rate_->CountBefore(frame.begin_ns - kPauseNs));
     for (; (*of_rate_)[next_] <= frame.end_ns; ++next_) instants_ns_.push_back((*of_rate_)[next_]);
     return;
   }
@@ -38,23 +38,6 @@ bool LiveInstants::IsOfFirst(const FrameInfo& frame) {
   return is_new &&
          std::all_of(heard_ns_.begin(), heard_ns_.begin() + frame.sensor,
                      [&](TimeNs heard_ns) { return frame.stamp_ns - heard_ns > silent_ns_; });
-}
-
-// Skips unneeded output times: a stamp decades ahead must not fill the memory.
-void LiveInstants::SkipPause(TimeNs begin_ns, double nanohertz) {
-  const auto is_long_ago = [&](std::size_t k) {  // unsigned: the difference may overflow
-    const TimeNs instant_ns = (*of_rate_)[k];
-    return instant_ns<begin_ns&& static_cast<std::uint64_t>(begin_ns) -
-                      static_cast<std::uint64_t>(instant_ns)>
-        kPauseNs;
-  };
-  if (!is_long_ago(next_)) return;
-  const auto pause_ns = static_cast<double>(begin_ns) - static_cast<double>((*of_rate_)[next_]) -
-                        static_cast<double>(kPauseNs);
-  const std::size_t from = next_;
-  next_ += static_cast<std::size_t>(std::max(0.0, pause_ns * nanohertz * 1e-18));
-  while (next_ > from && !is_long_ago(next_ - 1)) --next_;  // corrects rounding
-  while (is_long_ago(next_)) ++next_;
 }
 
 void LiveInstants::GetBetween(TimeNs after_ns, TimeNs until_ns, OutputInstants* instants) const {

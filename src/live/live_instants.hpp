@@ -37,7 +37,6 @@ class LiveInstants {
 
  private:
   bool IsOfFirst(const FrameInfo& frame);
-  void SkipPause(TimeNs begin_ns, double nanohertz);
 
   OutputTimes times_;
   TimeNs silent_ns_;

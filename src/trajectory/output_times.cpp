@@ -12,6 +12,12 @@ __extension__ using Wide = unsigned __int128;
 
 constexpr double kMaxInstants = 1e7;
 
+// Number of instants of a rate within a time from its begin, without that at its end.
+std::size_t CountWithin(Wide elapsed_ns, std::uint64_t nanohertz) {
+  constexpr Wide kPerInstant = Wide{kNsPerSecond} * kNsPerSecond;
+  return static_cast<std::size_t>((elapsed_ns * nanohertz + kPerInstant - 1) / kPerInstant);
+}
+
 struct InstantsOf {
   const Recording& recording;
 
@@ -51,32 +57,24 @@ OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
                      std::to_string(span_s) + " s gives over 10 million output times, expected " +
                      "fewer");
   }
-  size_ = static_cast<std::size_t>(((Wide{span_ns} + 1) * nanohertz_ - 1) /
-                                   (Wide{kNsPerSecond} * kNsPerSecond)) +
-          1;
+  size_ = CountWithin(Wide{span_ns} + 1, nanohertz_);
 }
 
 TimeNs OutputInstants::operator[](std::size_t k) const {
   if (nanohertz_ == 0) return list_[k];
-  return static_cast<TimeNs>(static_cast<std::uint64_t>(begin_ns_) + ElapsedNs(k));
+  const Wide elapsed_ns = Wide{kNsPerSecond} * kNsPerSecond * k / nanohertz_;
+  return static_cast<TimeNs>(static_cast<std::uint64_t>(begin_ns_) +
+                             static_cast<std::uint64_t>(elapsed_ns));
 }
 
 std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
-  std::size_t before = 0;
-  std::size_t not_before = size_;
-  while (before < not_before) {
-    const std::size_t middle = before + (not_before - before) / 2;
-    if ((*this)[middle] < time_ns) {
-      before = middle + 1;
-    } else {
-      not_before = middle;
-    }
+  if (nanohertz_ == 0) {
+    return static_cast<std::size_t>(std::lower_bound(list_.begin(), list_.end(), time_ns) -
+                                    list_.begin());
   }
-  return before;
-}
-
-std::uint64_t OutputInstants::ElapsedNs(std::uint64_t k) const {
-  return static_cast<std::uint64_t>(Wide{kNsPerSecond} * kNsPerSecond * k / nanohertz_);
+  if (time_ns <= begin_ns_) return 0;
+  return CountWithin(static_cast<std::uint64_t>(time_ns) - static_cast<std::uint64_t>(begin_ns_),
+                     nanohertz_);
 }
 
 OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {

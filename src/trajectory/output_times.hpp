@@ -31,12 +31,11 @@ class OutputInstants {
   std::size_t size() const { return size_; }
   TimeNs operator[](std::size_t k) const;
 
-  // Returns the number of instants before the time, the index of the first one not before it.
+  // Returns the number of instants before the time, the index of the first one not before it; of a
+  // rate as if it had no end.
   std::size_t CountBefore(TimeNs time_ns) const;
 
  private:
-  std::uint64_t ElapsedNs(std::uint64_t k) const;
-
   std::vector<TimeNs> list_;     // empty for a rate
   std::uint64_t nanohertz_ = 0;  // 0 for a list
   TimeNs begin_ns_ = 0;

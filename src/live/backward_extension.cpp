@@ -4,7 +4,7 @@
 
 #include "live/track_follower.hpp"
 #include "scene/support.hpp"
-#include "tracking/time_reversed.hpp"
+#include "tracking/scan_schedule.hpp"
 
 namespace unlidar {
 namespace {

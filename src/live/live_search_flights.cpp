@@ -10,7 +10,6 @@
 #include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
 #include "scene/support.hpp"
-#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 
 namespace unlidar {

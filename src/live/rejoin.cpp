@@ -26,7 +26,13 @@ std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
   std::vector<std::uint32_t> all(plots.size());
   std::iota(all.begin(), all.end(), 0U);
   Path path = with_score(std::move(all));
-  while (DropStretch([&](std::uint32_t i) { return plots[i].seen.plot.time_ns; }, with_score,
+  const auto without = [&](std::size_t first, std::size_t last) {
+    std::vector<std::uint32_t> rest = path.plots;
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
+               rest.begin() + static_cast<std::ptrdiff_t>(last));
+    return with_score(std::move(rest));
+  };
+  while (DropStretch([&](std::uint32_t i) { return plots[i].seen.plot.time_ns; }, without,
                      Droppable::kRunsBeforeLast, &path)) {
   }
   return way_of(path.plots);

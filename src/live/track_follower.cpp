@@ -6,7 +6,7 @@
 
 #include "base/algorithms.hpp"
 #include "live/rejoin.hpp"
-#include "tracking/path_filter.hpp"
+#include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"
 
 namespace unlidar {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "tests/synthetic_plots.hpp"
-#include "tracking/time_reversed.hpp"
+#include "tracking/scan_schedule.hpp"
 
 namespace unlidar {
 namespace {

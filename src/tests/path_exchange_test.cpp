@@ -95,6 +95,13 @@ TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {
   EXPECT_EQ(many.plots_searched_again, 12 * one.plots_searched_again);
 }
 
+std::vector<std::uint32_t> Without(std::size_t first, std::size_t last,
+                                   std::vector<std::uint32_t> plots) {
+  plots.erase(plots.begin() + static_cast<std::ptrdiff_t>(first),
+              plots.begin() + static_cast<std::ptrdiff_t>(last));
+  return plots;
+}
+
 // Two wrong plots a second apart support each other: without either alone the score is lower.
 TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   const auto with_score = [](std::vector<std::uint32_t> plots) {
@@ -105,8 +112,11 @@ TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   const auto time_of = [](std::uint32_t plot) {
     return static_cast<TimeNs>(plot < 2 ? plot : 2) * 1'000'000'000 + plot * 100'000'000;
   };
-  EXPECT_FALSE(DropStretch(time_of, with_score, Droppable::kRun, &path));
-  EXPECT_TRUE(DropStretch(time_of, with_score, Droppable::kRunsBeforeLast, &path));
+  const auto without = [&](std::size_t first, std::size_t last) {
+    return with_score(Without(first, last, path.plots));
+  };
+  EXPECT_FALSE(DropStretch(time_of, without, Droppable::kRun, &path));
+  EXPECT_TRUE(DropStretch(time_of, without, Droppable::kRunsBeforeLast, &path));
   EXPECT_EQ(path.plots, (std::vector<std::uint32_t>{2, 3, 4, 5}));
   EXPECT_EQ(path.score, 20.0);
 }
@@ -168,18 +178,17 @@ TEST(DropStretch, FindsTheBestOfAllStretches) {
           bool has_pause_within = false;
           for (std::size_t i = first + 1; i < last; ++i) has_pause_within |= is_pause(i);
           if (droppable == Droppable::kRun ? has_pause_within : last == count) continue;
-          std::vector<std::uint32_t> rest = all;
-          rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
-                     rest.begin() + static_cast<std::ptrdiff_t>(last));
-          const Path without = with_score(rest);
-          if (without.score > best.score) best = without;
+          const Path rest = with_score(Without(first, last, all));
+          if (rest.score > best.score) best = rest;
         }
       }
       const bool is_better = best.score > path.score + kMinExchangeLog;
       const Path before = path;
-      EXPECT_EQ(
-          DropStretch([&](std::uint32_t i) { return times_ns[i]; }, with_score, droppable, &path),
-          is_better);
+      const auto time_of = [&](std::uint32_t i) { return times_ns[i]; };
+      const auto without = [&](std::size_t first, std::size_t last) {
+        return with_score(Without(first, last, all));
+      };
+      EXPECT_EQ(DropStretch(time_of, without, droppable, &path), is_better);
       EXPECT_EQ(path.plots, is_better ? best.plots : before.plots);
       num_changed += is_better ? 1 : 0;
     }

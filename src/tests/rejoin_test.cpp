@@ -7,7 +7,7 @@
 
 #include "live/track_follower.hpp"
 #include "tests/synthetic_recording.hpp"
-#include "tracking/path_filter.hpp"
+#include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"
 
 namespace unlidar {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "base/maths.hpp"
-#include "tracking/path_filter.hpp"
-#include "tracking/time_reversed.hpp"
+#include "tracking/path_exchange.hpp"
+#include "tracking/scan_schedule.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
 

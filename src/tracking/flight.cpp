@@ -3,11 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <deque>
 #include <set>
 #include <utility>
-
-#include "scene/time_bins.hpp"
 
 namespace unlidar {
 namespace {
@@ -16,18 +13,14 @@ namespace {
 // in every frame.
 std::vector<double> LowestM(const std::vector<Plot>& path, TimeNs window_ns) {
   std::vector<double> lowest_m;
-  std::deque<std::size_t> lowest;  // candidates for the lowest in the window, by rising height
-  std::size_t next = 0;
+  auto first = path.begin();
+  auto last = path.begin();  // [first, last) is the window
   for (const Plot& plot : path) {
-    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + window_ns;
-         ++next) {
-      while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
-        lowest.pop_back();
-      }
-      lowest.push_back(next);
-    }
-    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
-    lowest_m.push_back(path[lowest.front()].lowest_m);
+    while (first->frame_time_ns < plot.frame_time_ns - window_ns) ++first;
+    while (last != path.end() && last->frame_time_ns <= plot.frame_time_ns + window_ns) ++last;
+    const auto lowest = std::min_element(
+        first, last, [](const Plot& a, const Plot& b) { return a.lowest_m < b.lowest_m; });
+    lowest_m.push_back(lowest->lowest_m);
   }
   return lowest_m;
 }
@@ -261,6 +254,33 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
     return Rejection::kWeakReturn;
   if (config.Uses(Rule::kStationary) && IsPassedAtRest(path)) return Rejection::kStationary;
   return Rejection::kNone;
+}
+
+double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_free,
+                       const std::function<std::uint32_t(const Plot&)>& num_frames_about) {
+  const TimeNs reach_ns = NsOf(kCrowdingReachS);
+  double penalty = 0.0;
+  auto first = plots.begin();
+  for (const std::uint32_t i : path) {
+    const Plot& plot = plots[i];
+    const double radius_m = kClutterNarrow.At(plot.ray_m.norm());
+    while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
+    double others = 0.0;
+    for (auto other = first;
+         other != plots.end() && other->frame_time_ns <= plot.frame_time_ns + reach_ns; ++other) {
+      const auto k = static_cast<std::uint32_t>(other - plots.begin());
+      if (other->sensor != plot.sensor || are_free[k] == 0) continue;
+      if ((other->position_m - plot.position_m).squaredNorm() > radius_m * radius_m) continue;
+      if (!std::binary_search(path.begin(), path.end(), k)) others += 1.0;
+    }
+    if (others == 0.0) continue;
+    const double exposure =
+        num_frames_about(plot) * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+    const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
+    penalty += std::max(0.0, log_rate - plot.log_clutter);
+  }
+  return penalty;
 }
 
 }  // namespace unlidar

@@ -1,4 +1,4 @@
-// Gates on a path beyond its score: detections, height and return rate.
+// Gates on a path beyond its score: detections, height, return rate and crowding.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,9 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
+#include "scene/clutter.hpp"
 #include "scene/plots.hpp"
+#include "scene/time_bins.hpp"
 #include "tracking/rejection.hpp"
 #include "unlidar/config.hpp"
 
@@ -41,5 +43,16 @@ using ReachesThreshold = std::function<bool(const std::vector<std::uint32_t>& nu
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config);
+
+// Other plots count within this time of a plot: the clutter intensity is that of other times.
+constexpr double kCrowdingReachS = (ClutterMap::kExclusionBins + 0.5) * kBinS;
+
+// Returns the log-likelihood penalty for other plots around a path at the same time, which the
+// clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
+// hedge shows all at once. Plots of targets, which are not free, and its own do not count.
+// `num_frames_about`: number of frames of the sensor of a plot within kCrowdingReachS.
+double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_free,
+                       const std::function<std::uint32_t(const Plot&)>& num_frames_about);
 
 }  // namespace unlidar

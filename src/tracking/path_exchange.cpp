@@ -1,13 +1,12 @@
 #include "tracking/path_exchange.hpp"
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <iterator>
 #include <limits>
 #include <optional>
 
 #include "base/algorithms.hpp"
-#include "tracking/path_filter.hpp"
 
 namespace unlidar {
 namespace {
@@ -16,23 +15,17 @@ using Members = std::vector<std::uint32_t>;
 
 // Bounding box and time span of a path.
 struct Extent {
-  Eigen::Array3d low_m = Eigen::Array3d::Zero();
-  Eigen::Array3d high_m = Eigen::Array3d::Zero();
-  TimeNs first_ns = 0;
-  TimeNs last_ns = 0;
+  Eigen::AlignedBox3d box_m;
+  TimeNs first_ns = std::numeric_limits<TimeNs>::max();
+  TimeNs last_ns = std::numeric_limits<TimeNs>::min();
 };
 
 Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
   Extent extent;
-  if (path.plots.empty()) return extent;
-  const Plot& first = plots[path.plots.front()];
-  extent = {first.position_m.array(), first.position_m.array(), first.time_ns, first.time_ns};
   for (const std::uint32_t i : path.plots) {
-    const Plot& plot = plots[i];
-    extent.low_m = extent.low_m.min(plot.position_m.array());
-    extent.high_m = extent.high_m.max(plot.position_m.array());
-    extent.first_ns = std::min(extent.first_ns, plot.time_ns);
-    extent.last_ns = std::max(extent.last_ns, plot.time_ns);
+    extent.box_m.extend(plots[i].position_m);
+    extent.first_ns = std::min(extent.first_ns, plots[i].time_ns);
+    extent.last_ns = std::max(extent.last_ns, plots[i].time_ns);
   }
   return extent;
 }
@@ -42,8 +35,7 @@ bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) 
   const TimeNs max_interval_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
   const double reach_m =
       config.max_speed_mps * static_cast<double>(max_interval_ns) * kSecondsPerNs + kReachSlackM;
-  const Eigen::Array3d gap_m = (a.low_m - b.high_m).max(b.low_m - a.high_m).max(0.0);
-  return gap_m.matrix().squaredNorm() <= reach_m * reach_m;
+  return a.box_m.squaredExteriorDistance(b.box_m) <= reach_m * reach_m;
 }
 
 // Numbers of plots of two paths before a time.
@@ -133,6 +125,30 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
 
 }  // namespace
 
+std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
+                                   const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, std::size_t first) {
+  std::vector<Hypothesis> hypotheses;
+  hypotheses.reserve(plots.size() - first + 1);
+  hypotheses.push_back(from);
+  for (std::size_t k = first; k < plots.size(); ++k) {
+    hypotheses.push_back(model.PredictAndUpdate(hypotheses.back(), *plots[k], frame_times[k]));
+  }
+  return hypotheses;
+}
+
+std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, double log_birth,
+                                   const TrackerConfig& config) {
+  std::vector<Hypothesis> best;
+  for (const double speed_mps : config.birth_speeds_mps) {
+    const Hypothesis birth = model.Birth(*plots.front(), log_birth, frame_times.front(), speed_mps);
+    std::vector<Hypothesis> hypotheses = FilterFrom(model, birth, plots, frame_times, 1);
+    if (best.empty() || hypotheses.back().score > best.back().score) best = std::move(hypotheses);
+  }
+  return best;
+}
+
 PathScorer::PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                        const ScanSchedule& scan_schedule, const TrackerConfig& config,
                        TimeOutOfView time_out_of_view)
@@ -203,7 +219,8 @@ Path PathScorer::WithScore(const Filtered& head, std::size_t num_of_head, const 
 }
 
 bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
-                 const std::function<Path(Members)>& with_score, Droppable droppable, Path* path) {
+                 const std::function<Path(std::size_t, std::size_t)>& without, Droppable droppable,
+                 Path* path) {
   constexpr TimeNs kPauseNs = 500'000'000;
   constexpr std::size_t kMaxPlots = 6;
   const Members& plots = path->plots;
@@ -216,10 +233,8 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
     if (!begins_run(first)) continue;
     for (std::size_t last = first + 1; last <= std::min(end, first + kMaxPlots); ++last) {
       if (!begins_run(last) || last - first == plots.size()) continue;
-      Members rest(plots.begin(), plots.begin() + static_cast<std::ptrdiff_t>(first));
-      rest.insert(rest.end(), plots.begin() + static_cast<std::ptrdiff_t>(last), plots.end());
-      Path without = with_score(std::move(rest));
-      if (without.score > best.score) best = std::move(without);
+      Path rest = without(first, last);
+      if (rest.score > best.score) best = std::move(rest);
       if (droppable == Droppable::kRun) break;
     }
   }
@@ -229,16 +244,13 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
 }
 
 bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path) {
-  std::optional<PathScorer::Filtered> filtered;  // most paths have no stretch to drop
-  const auto without_stretch = [&](const Members& rest) {
-    if (!filtered) filtered = scorer.Filter(path->plots);
-    const PathScorer::Filtered& whole = *filtered;
-    const auto first = static_cast<std::size_t>(
-        std::mismatch(rest.begin(), rest.end(), whole.members.begin()).first - rest.begin());
-    return scorer.WithScore(whole, first, whole, first + whole.members.size() - rest.size());
+  std::optional<PathScorer::Filtered> whole;  // most paths have no stretch to drop
+  const auto without = [&](std::size_t first, std::size_t last) {
+    if (!whole) whole = scorer.Filter(path->plots);
+    return scorer.WithScore(*whole, first, *whole, last);
   };
-  return DropStretch([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; },
-                     without_stretch, droppable, path);
+  return DropStretch([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; }, without,
+                     droppable, path);
 }
 
 bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before) {

@@ -12,6 +12,18 @@
 
 namespace unlidar {
 
+// Returns a hypothesis, then that after each further plot of a path, from number `first` on.
+// `frame_times` (plots): of their frames.
+std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
+                                   const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, std::size_t first);
+
+// Filters a path: returns the hypothesis after each plot (plots), for the initial speed with the
+// highest final score.
+std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, double log_birth,
+                                   const TrackerConfig& config);
+
 // Scores given sequences of plots, with gaps of any length.
 class PathScorer {
  public:
@@ -75,10 +87,10 @@ enum class Droppable {
 
 // Drops the stretch of plots without which the score is highest, if it grows by more than
 // kMinExchangeLog: a search with a limited gap had to use it, or it displaced the birth that later
-// plots make likelier. `time_of`: of a plot of the path; `with_score`: the path of such plots.
-// Returns true if the path changed.
+// plots make likelier. `time_of`: of a plot of the path; `without`: the path without its plots
+// [first, last). Returns true if the path changed.
 bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
-                 const std::function<Path(std::vector<std::uint32_t>)>& with_score,
+                 const std::function<Path(std::size_t first, std::size_t last)>& without,
                  Droppable droppable, Path* path);
 
 // Same, scored by `scorer`.

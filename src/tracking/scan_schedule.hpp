@@ -1,10 +1,12 @@
-// Times of the frames of each sensor.
+// Times of the frames of each sensor, and their reversal for searches from the end to the
+// beginning.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "base/recording.hpp"
+#include "scene/plots.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -21,5 +23,13 @@ struct ScanSchedule {
 };
 
 ScanSchedule ScanScheduleOf(const Recording& recording);
+
+// Reverses the order of times without overflow; its own inverse.
+inline TimeNs TimeReversed(TimeNs time_ns) { return ~time_ns; }
+
+ScanSchedule TimeReversed(ScanSchedule scan_schedule);
+
+// Drops the returns, which no search uses.
+Plot TimeReversed(const Plot& plot);
 
 }  // namespace unlidar

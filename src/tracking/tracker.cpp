@@ -9,7 +9,7 @@
 #include "base/algorithms.hpp"
 #include "base/parallel.hpp"
 #include "tracking/path_exchange.hpp"
-#include "tracking/time_reversed.hpp"
+#include "tracking/scan_schedule.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
 
@@ -21,28 +21,26 @@ namespace {
 constexpr int kMaxWeakPaths = 20;
 constexpr double kMinWeakPathLog = 7.0;
 
-// Searches the free plots for paths above `min_score`, once per sigma_a.
-std::vector<TrackSearch> SearchScans(const std::vector<Scan>& scans,
-                                     const std::vector<double>& log_births,
-                                     const std::vector<char>& free, double min_score,
-                                     const ScanSchedule& scan_schedule,
-                                     const TrackerConfig& config) {
+// Searches through the same plots, one per sigma_a.
+using TrackSearches = std::vector<std::optional<TrackSearch>>;
+
+// Searches the free plots for paths above `min_score`.
+TrackSearches SearchScans(const std::vector<Scan>& scans, const std::vector<double>& log_births,
+                          const std::vector<char>& free, double min_score,
+                          const ScanSchedule& scan_schedule, const TrackerConfig& config) {
   const std::vector<double>& sigmas = config.sigma_a_mps2;
-  std::vector<std::optional<TrackSearch>> found(sigmas.size());
+  TrackSearches searches(sigmas.size());
   ParallelFor(sigmas.size(), [&](std::size_t i) {
-    found[i].emplace(log_births, scans, free, min_score,
-                     TrackModel(sigmas[i], scan_schedule, config), config);
+    searches[i].emplace(log_births, scans, free, min_score,
+                        TrackModel(sigmas[i], scan_schedule, config), config);
   });
-  std::vector<TrackSearch> searches;
-  searches.reserve(found.size());
-  for (std::optional<TrackSearch>& search : found) searches.push_back(std::move(*search));
   return searches;
 }
 
-Path BestOf(std::vector<TrackSearch>* searches) {
+Path BestOf(TrackSearches* searches) {
   Path best;
-  for (TrackSearch& search : *searches) {
-    Path path = search.Best();
+  for (std::optional<TrackSearch>& search : *searches) {
+    Path path = search->Best();
     if (path.score > best.score) best = std::move(path);
   }
   return best;
@@ -81,7 +79,7 @@ class PathFinder {
     return PathScorer(plots_, log_births_, scan_schedule_, config_, time_out_of_view);
   }
 
-  std::vector<TrackSearch> Search(const std::vector<char>& free, double min_score) const {
+  TrackSearches Search(const std::vector<char>& free, double min_score) const {
     return SearchScans(scans_, log_births_, free, min_score, scan_schedule_, config_);
   }
 
@@ -97,7 +95,7 @@ class PathFinder {
     int num_weak = 0;
     for (bool found = true; found;) {
       found = false;
-      std::vector<TrackSearch> searches = Search(free_, kMinWeakPathLog);
+      TrackSearches searches = Search(free_, kMinWeakPathLog);
       while (true) {
         Path best = BestOf(&searches);
         if (best.plots.empty()) break;
@@ -134,7 +132,7 @@ class PathFinder {
     SetFree(path, 0);
     effort_.plots_searched_again +=
         static_cast<std::size_t>(std::count(free.begin(), free.end(), 1));
-    std::vector<TrackSearch> searches = Search(free, path.score);
+    TrackSearches searches = Search(free, path.score);
     return BestOf(&searches);
   }
 
@@ -151,8 +149,8 @@ class PathFinder {
     }
     const ScanSchedule scan_schedule = TimeReversed(scan_schedule_);
     const std::vector<char> all(plots.size(), 1);
-    std::vector<TrackSearch> searches = SearchScans(ScansOf(plots, log_births, scan_schedule),
-                                                    log_births, all, 0.0, scan_schedule, config_);
+    TrackSearches searches = SearchScans(ScansOf(plots, log_births, scan_schedule), log_births, all,
+                                         0.0, scan_schedule, config_);
     std::vector<std::uint32_t> members;
     for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
     std::reverse(members.begin(), members.end());

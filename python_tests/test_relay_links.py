@@ -192,7 +192,7 @@ def test_also_by_tls_no_event_is_lost(tmp_path: Path) -> None:
 
 
 def test_a_server_that_takes_nothing_more_has_nothing_that_counts_as_sent(monkeypatch) -> None:
-    monkeypatch.setattr("unlidar.relay.sockets._DIAL_S", 0.3)
+    monkeypatch.setattr("unlidar.relay.sockets.DIAL_S", 0.3)
     done = threading.Event()
 
     def talk(client: socket.socket) -> None:

@@ -43,7 +43,7 @@ PATIENCE_S = 20.0
 def impatient(monkeypatch) -> None:
     monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.01, 0.05))
     monkeypatch.setattr("unlidar.relay.sapient.output._ANSWER_S", 0.3)
-    monkeypatch.setattr("unlidar.relay.sapient.connection._DIAL_S", 0.5)
+    monkeypatch.setattr("unlidar.relay.sapient.connection.DIAL_S", 0.5)
 
 
 def node(port: int) -> SapientOutput:

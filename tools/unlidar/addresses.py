@@ -10,6 +10,9 @@ from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 from unlidar.errors import UsageError
 from unlidar.sanitize import hide_secrets
 
+DIAL_S = 10.0  # for another machine to answer, or to take or send more of what has begun
+LAST_WORDS_S = 5.0  # for what waits to be sent or stored when a program ends
+
 
 @dataclass(frozen=True)
 class Scheme:

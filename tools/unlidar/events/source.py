@@ -11,7 +11,7 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import BinaryIO
 
-from unlidar.addresses import Scheme, read_address
+from unlidar.addresses import DIAL_S, Scheme, read_address
 from unlidar.errors import InputError, reason
 from unlidar.events.bygone import Bygone
 from unlidar.events.lines import Line, Lines, Source
@@ -21,7 +21,6 @@ from unlidar.reporting import RateLimitedNote, note
 _LOOK_S = 0.02  # polling interval of a file
 _CHUNK = 1 << 18
 _RETRY_S = 0.5, 15.0
-_DIAL_S = 10.0
 _EXPECTED = "a file, -, tcp://HOST:PORT or mqtt[s]://HOST"
 
 
@@ -211,7 +210,7 @@ class _Tcp(Source):
         while True:
             try:
                 dial = asyncio.open_connection(self._host, self._port)
-                reader, writer = await asyncio.wait_for(dial, _DIAL_S)
+                reader, writer = await asyncio.wait_for(dial, DIAL_S)
                 try:
                     cut = Lines()
                     while data := await reader.read(_CHUNK):

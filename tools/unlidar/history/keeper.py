@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from itertools import islice
 from pathlib import Path
 
+from unlidar.addresses import LAST_WORDS_S
 from unlidar.errors import reason
 from unlidar.events.event import Returns
 from unlidar.events.site import Place, Site
@@ -23,7 +24,6 @@ _WRITE_S = 0.5  # write interval, the largest loss at a power cut
 _TIDY_S = 60.0
 _AT_A_TIME = 2000  # messages per transaction
 _MOST_WAITING, _MOST_BYTES = 20_000, 8_000_000  # while the store cannot be written
-_LAST_WORDS_S = 5.0
 _SLOW_S = 0.5
 
 
@@ -83,9 +83,9 @@ class Keeper:
 
     def close(self) -> None:
         """Stops the writer after a few seconds for the queue."""
-        self._until_s = time.monotonic() + _LAST_WORDS_S
+        self._until_s = time.monotonic() + LAST_WORDS_S
         self._ended.set()
-        self._thread.join(2 * _LAST_WORDS_S)
+        self._thread.join(2 * LAST_WORDS_S)
         if self._waiting:
             note(f"{self.location}: {len(self._waiting)} messages were not kept")
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from unlidar.addresses import MQTT, Address, Scheme, read_address
+from unlidar.addresses import LAST_WORDS_S, MQTT, Address, Scheme, read_address
 from unlidar.errors import ConfigError, UsageError
 from unlidar.events.event import Now, Returns, Row
 from unlidar.events.site import Output as Wanted
@@ -22,7 +22,6 @@ from unlidar.reporting import note
 if TYPE_CHECKING:
     from unlidar.relay.sapient.output import SapientOutput
 
-_LAST_WORDS_S = 5.0
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _COT = {"cot+udp": Scheme(), "cot+tcp": Scheme(), "cot+tls": Scheme()}
 _SAPIENT = "sapient+tcp"
@@ -153,7 +152,7 @@ async def relay(
             taking.result()
         else:
             taking.cancel()
-        await asyncio.gather(*(way.output.drain(_LAST_WORDS_S) for way in ways))
+        await asyncio.gather(*(way.output.drain(LAST_WORDS_S) for way in ways))
     finally:
         for task in running:
             task.cancel()

@@ -12,9 +12,9 @@ import struct
 import termios
 from collections.abc import Callable, Sequence
 
+from unlidar.addresses import DIAL_S
 from unlidar.relay.deadline import deadline
 
-_DIAL_S = 10.0
 _LOOK_S = 0.005
 # Data acknowledged by TCP may be unread by the program; a reset within this time reveals that.
 _SETTLE_S = 0.1
@@ -88,7 +88,7 @@ class StreamSender:
     async def connect(self) -> None:
         """Connects. OSError, also for TLS."""
         dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
-        async with deadline(_DIAL_S, "no answer within"):
+        async with deadline(DIAL_S, "no answer within"):
             self._reader, self._writer = await dial
         # Not 0: the low mark of TLS would be negative.
         self._writer.transport.set_write_buffer_limits(high=1)
@@ -104,7 +104,7 @@ class StreamSender:
             raise ConnectionError("the connection was closed")
         for message in messages:
             self._writer.write(message)
-            async with deadline(_DIAL_S, "took nothing for"):
+            async with deadline(DIAL_S, "took nothing for"):
                 await self._writer.drain()
         await self._acknowledged(self._wire)
         for _ in messages:
@@ -122,8 +122,8 @@ class StreamSender:
             # A close without reset means that all was read.
             if not left and (still_s > _SETTLE_S or seen & _LEFT):
                 return
-            if still_s > _DIAL_S:
-                raise ConnectionError(f"took nothing for {_DIAL_S:g} s")
+            if still_s > DIAL_S:
+                raise ConnectionError(f"took nothing for {DIAL_S:g} s")
             await asyncio.sleep(_LOOK_S)
         raise ConnectionResetError("the connection was reset")
 

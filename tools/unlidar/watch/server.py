@@ -20,6 +20,7 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
+from unlidar.addresses import LAST_WORDS_S
 from unlidar.events.site import Site, Zone
 from unlidar.history.timeline import Archive, Question, UnansweredError, rows, spans
 from unlidar.reporting import limit_logging
@@ -32,7 +33,6 @@ from unlidar.watch.sky import FORGET_S, MOST_TRACKS, Sky
 
 _LONGEST_S = 1800.0  # longest time span of an answer with rows
 _SPANS_S = 86_400.0
-_LAST_WORDS_S = 5.0
 _KINDS = {
     "/": ("page.html", "text/html"),
     "/page.css": ("page.css", "text/css"),
@@ -176,7 +176,7 @@ class Serving:
                 loop, event = self._stop
                 with contextlib.suppress(RuntimeError):  # already stopped
                     loop.call_soon_threadsafe(event.set)
-            self._thread.join(_LAST_WORDS_S)
+            self._thread.join(LAST_WORDS_S)
 
     async def _serve(self, listener: Listener) -> None:
         stopped = asyncio.Event()

@@ -12,6 +12,7 @@ from google.protobuf.message import DecodeError, Message
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
+from unlidar.addresses import DIAL_S
 from unlidar.relay.deadline import deadline
 from unlidar.relay.sapient.rules import faults
 from unlidar.reporting import RateLimitedNote
@@ -21,7 +22,6 @@ _MOST_BYTES = 1 << 18  # of a message that comes; those for a node are far small
 _MOST_FAULTS = 3  # that are told
 _MOST_RETURNED = 4096  # of a message that is not understood, in the answer to it
 _MOST_UNSENT = 4096  # bytes in the system that the other machine has no room for
-_DIAL_S = 10.0
 _REST_S = 0.01  # between two messages that come, or as long as the last one took if that is more
 _CLOCK_BACK_NS = 50_000_000  # a smaller step back is bridged
 _LEAST_STEP_NS = 1000  # stamps are compared in microseconds
@@ -40,12 +40,12 @@ class Connection:
 
     async def open(self, host: str, port: int) -> None:
         """Connects. OSError, also if nobody answers."""
-        async with deadline(_DIAL_S, "no answer within"):
+        async with deadline(DIAL_S, "no answer within"):
             self._reader, self._writer = await asyncio.open_connection(host, port)
         self._writer.transport.set_write_buffer_limits(high=0)  # what is sent survives a SIGKILL
         wire = self._writer.get_extra_info("socket")
         # A middleware without power would be missed by the system after a quarter of an hour.
-        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_DIAL_S * 1000))
+        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(DIAL_S * 1000))
         # Megabytes for one that hangs would be positions of minutes ago when it goes on.
         wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MOST_UNSENT)
         self._newest_ns = 0
@@ -76,7 +76,7 @@ class Connection:
                     message.destination_id = to
                 data = message.SerializeToString()
                 self._writer.write(_LENGTH.pack(len(data)) + data)
-            async with deadline(_DIAL_S, "took nothing for"):
+            async with deadline(DIAL_S, "took nothing for"):
                 await self._writer.drain()
 
     async def receive(self) -> SapientMessage:
@@ -105,12 +105,12 @@ class Connection:
                 raise ConnectionError(
                     f"sent a message of {length:,} bytes, expected at most {_MOST_BYTES:,}"
                 )
-            async with asyncio.timeout(_DIAL_S):
+            async with asyncio.timeout(DIAL_S):
                 return await self._reader.readexactly(length)
         except asyncio.IncompleteReadError as error:
             raise ConnectionError("the connection was closed") from error
         except TimeoutError as error:
-            raise ConnectionError(f"sent no more of a message for {_DIAL_S:g} s") from error
+            raise ConnectionError(f"sent no more of a message for {DIAL_S:g} s") from error
 
     async def close(self) -> None:
         """Closes; what was sent leaves before."""

@@ -204,16 +204,12 @@ void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection reje
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
   const std::vector<Measurement>& measurements = track.follower->fit().measurements();
-  const double probability = config_.trajectory.min_missed_run_probability;
   const TimeNs half_ns = period_ns_ / 2;
-  TimeInterval presence;
-  presence.begin_ns = track.is_reported
-                          ? track.emitted_until_ns + 1
-                          : measurements.front().time_ns - half_ns -
-                                UndetectedBeforeNs(measurements, period_ns_, probability);
-  presence.end_ns =
-      std::min(until_ns, track.follower->last_evidence_ns() + half_ns +
-                             UndetectedAfterNs(measurements, period_ns_, probability));
+  TimeInterval presence = WithUndetected(
+      {measurements.front().time_ns - half_ns, track.follower->last_evidence_ns() + half_ns},
+      measurements, period_ns_, config_.trajectory.min_missed_run_probability);
+  if (track.is_reported) presence.begin_ns = track.emitted_until_ns + 1;
+  presence.end_ns = std::min(until_ns, presence.end_ns);
   return presence;
 }
 

@@ -80,14 +80,12 @@ double MixtureSigma(double probability, double sigma_m, double offset_m, double 
 
 }  // namespace
 
-TimeNs UndetectedBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                          double probability) {
-  return UndetectedTimeNs(measurements.begin(), measurements.end(), period_ns, probability);
-}
-
-TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                         double probability) {
-  return UndetectedTimeNs(measurements.rbegin(), measurements.rend(), period_ns, probability);
+TimeInterval WithUndetected(const TimeInterval& seen, const std::vector<Measurement>& measurements,
+                            TimeNs period_ns, double probability) {
+  return {seen.begin_ns -
+              UndetectedTimeNs(measurements.begin(), measurements.end(), period_ns, probability),
+          seen.end_ns +
+              UndetectedTimeNs(measurements.rbegin(), measurements.rend(), period_ns, probability)};
 }
 
 TimeInterval ExistenceInterval(const Recording& recording,
@@ -106,11 +104,10 @@ TimeInterval ExistenceInterval(const Recording& recording,
       interval.end_ns = std::max(interval.end_ns, frame.end_ns);
     }
   }
-  const TimeNs period_ns = ShortestPeriodNs(recording);
-  const TimeNs before_ns = UndetectedBeforeNs(measurements, period_ns, min_missed_run_probability);
-  const TimeNs after_ns = UndetectedAfterNs(measurements, period_ns, min_missed_run_probability);
-  return {std::max(recorded.begin_ns, interval.begin_ns - before_ns),
-          std::min(recorded.end_ns, interval.end_ns + after_ns)};
+  interval = WithUndetected(interval, measurements, ShortestPeriodNs(recording),
+                            min_missed_run_probability);
+  return {std::max(recorded.begin_ns, interval.begin_ns),
+          std::min(recorded.end_ns, interval.end_ns)};
 }
 
 std::vector<FrameSupport> SupportByFrame(const Recording& recording,

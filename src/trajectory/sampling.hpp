@@ -16,12 +16,10 @@ struct TimeInterval {
   TimeNs end_ns = 0;
 };
 
-// Returns the time for which a target may have been present but undetected before its first or
-// after its last measurement: as long as a run of missed detections is likelier than `probability`.
-TimeNs UndetectedBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                          double probability);
-TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                         double probability);
+// Extends the time in which a target was seen by that for which it may have been present but
+// undetected at both ends: as long as a run of missed detections is likelier than `probability`.
+TimeInterval WithUndetected(const TimeInterval& seen, const std::vector<Measurement>& measurements,
+                            TimeNs period_ns, double probability);
 
 // Returns the time in which a target existed: from first to last measurement, extended to the whole
 // frames of any sensor that contain them (returns are measured a little before or after the stamp

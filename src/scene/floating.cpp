@@ -197,7 +197,7 @@ NeighbourTable NeighboursOf(const std::vector<Plot>& plots,
       count.Add(at->places_m, 0);
     }
     table.VisitOverlappingShells(
-        place_m, {}, [&](std::uint32_t, Neighbours& sum, bool) { sum += count.neighbours(); });
+        {&place_m, 1}, {}, [&](std::size_t, Neighbours& sum, bool) { sum += count.neighbours(); });
   }
   return table;
 }

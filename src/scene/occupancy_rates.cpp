@@ -36,13 +36,7 @@ RecentBins Occupancy::HitsOf(const Place& place) const {
 
 RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
   RecentBins hits;
-  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
-    if (place.bin == newest_) {
-      hits |= place.hits;
-    } else {
-      hits |= HitsOf(place);
-    }
-  });
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) { hits |= HitsOf(place); });
   return hits;
 }
 

@@ -32,7 +32,7 @@ void RangeGrid::Free(std::uint32_t first) {
 
 void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count) {
   NoteChange();
-  places_.VisitOverlappingShells(point_m, {}, [&](std::uint32_t, Profile& profile, bool) {
+  places_.VisitOverlappingShells({&point_m, 1}, {}, [&](std::size_t, Profile& profile, bool) {
     profile.total += count;
     // Points arrive mostly in temporal order.
     BinCount& latest = profile.latest;

@@ -41,63 +41,42 @@ class ShellTable {
   // Number of voxels. They are numbered from 0 and renumbered when some are erased.
   std::uint32_t size() const { return numbers_.size(); }
 
-  // Calls visit(number, value, is_own) for the voxel of a point in each shell whose neighbourhoods
+  // Calls visit(i, value, is_own) for the voxel of each point i in each shell whose neighbourhoods
   // may reach it; `is_own` is true for the point's own shell. New voxels are set to `initial`.
-  template <class Visit>
-  void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
-                              const Visit& visit) {
-    VisitVoxelsOf(point_m, [&](std::uint32_t shell, VoxelKey key, bool is_own) {
-      const std::uint32_t hash = VoxelNumbers::HashOf(shell, key);
-      const std::uint32_t number = NumberOrNew(shell, key, hash, initial);
-      visit(number, values_[number], is_own);
-    });
-  }
-
-  // Calls visit(i, value, is_own) for the same voxels of each point i, which are prefetched.
+  // Voxels are prefetched.
   template <class Visit>
   void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
     own_numbers_.clear();
-    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
-      const std::size_t end = std::min(begin + kPartSize, points_m.size());
-      touched_.clear();
-      for (std::size_t i = begin; i < end; ++i) {
-        VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
-          const std::uint32_t hash = VoxelNumbers::HashOf(shell, key);
-          numbers_.Prefetch(hash);
-          touched_.push_back({key, static_cast<std::uint32_t>(i), shell, hash, is_own});
+    const auto touch = [&](std::size_t i) {
+      VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
+        Touch(i, shell, key, is_own);
+      });
+    };
+    VisitInParts(
+        points_m.size(), touch,
+        [&](Touched& touched) {
+          touched.number = numbers_.FindOrAdd(touched.shell, touched.key, touched.hash);
+          if (touched.number == values_.size()) values_.push_back(initial);
+          if (touched.is_own) own_numbers_.push_back(touched.number);
+        },
+        [&](const Touched& touched) {
+          visit(touched.point, values_[touched.number], touched.is_own);
         });
-      }
-      for (Touched& touched : touched_) {
-        touched.number = NumberOrNew(touched.shell, touched.key, touched.hash, initial);
-        PrefetchValue(touched.number);
-        if (touched.is_own) own_numbers_.push_back(touched.number);
-      }
-      for (const Touched& touched : touched_) {
-        visit(touched.point, values_[touched.number], touched.is_own);
-      }
-    }
   }
 
   // Calls visit(i, value) for each point i whose own voxel is known; voxels are prefetched.
   template <class Visit>
   void VisitOwn(PointsView points_m, const Visit& visit) {
-    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
-      const std::size_t end = std::min(begin + kPartSize, points_m.size());
-      touched_.clear();
-      for (std::size_t i = begin; i < end; ++i) {
-        const Home home = HomeOf(points_m[i]);
-        const std::uint32_t hash = VoxelNumbers::HashOf(home.shell, home.key);
-        numbers_.Prefetch(hash);
-        touched_.push_back({home.key, static_cast<std::uint32_t>(i), home.shell, hash, true});
-      }
-      for (Touched& touched : touched_) {
-        touched.number = numbers_.Find(touched.shell, touched.key, touched.hash);
-        if (touched.number != VoxelNumbers::kNone) PrefetchValue(touched.number);
-      }
-      for (const Touched& touched : touched_) {
-        if (touched.number != VoxelNumbers::kNone) visit(touched.point, values_[touched.number]);
-      }
-    }
+    const auto touch = [&](std::size_t i) {
+      const Home home = HomeOf(points_m[i]);
+      Touch(i, home.shell, home.key, true);
+    };
+    VisitInParts(
+        points_m.size(), touch,
+        [&](Touched& touched) {
+          touched.number = numbers_.Find(touched.shell, touched.key, touched.hash);
+        },
+        [&](const Touched& touched) { visit(touched.point, values_[touched.number]); });
   }
 
   // Same for all points of the last VisitOverlappingShells(), whose voxels need not be looked up
@@ -122,12 +101,34 @@ class ShellTable {
   // Calls visit(value) for the voxels in the neighbourhood of a point.
   template <class Visit>
   void VisitNeighbourhood(const Eigen::Vector3f& point_m, const Visit& visit) const {
-    VisitNumbers(point_m, [&](std::uint32_t number) { visit(values_[number]); });
-  }
-
-  template <class Visit>
-  void VisitNeighbourhood(const Eigen::Vector3f& point_m, const Visit& visit) {
-    VisitNumbers(point_m, [&](std::uint32_t number) { visit(values_[number]); });
+    const std::size_t shell_index = ShellAt(static_cast<double>(point_m.norm()));
+    const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
+    const auto shell = static_cast<std::uint32_t>(shell_index);
+    // The table exceeds the cache: all slots are prefetched before the first one is read.
+    struct Slot {
+      VoxelKey key;
+      std::uint32_t hash;
+    };
+    std::array<Slot, kNumNeighbourhoodVoxels> slots;
+    auto next = slots.begin();
+    for (int dx = -1; dx <= 1; ++dx) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dz = -1; dz <= 1; ++dz) {
+          const VoxelKey key = KeyOf({home.x + dx, home.y + dy, home.z + dz});
+          *next = {key, VoxelNumbers::HashOf(shell, key)};
+          numbers_.Prefetch((next++)->hash);
+        }
+      }
+    }
+    std::array<std::uint32_t, kNumNeighbourhoodVoxels> numbers{};
+    auto end = numbers.begin();
+    for (const Slot& slot : slots) {
+      const std::uint32_t number = numbers_.Find(shell, slot.key, slot.hash);
+      if (number == VoxelNumbers::kNone) continue;
+      PrefetchValue(number);
+      *end++ = number;
+    }
+    std::for_each(numbers.begin(), end, [&](std::uint32_t number) { visit(values_[number]); });
   }
 
   // Volume of the neighbourhood of a point, m^3.
@@ -206,11 +207,28 @@ class ShellTable {
     return {range_m, static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
   }
 
-  std::uint32_t NumberOrNew(std::uint32_t shell, VoxelKey key, std::uint32_t hash,
-                            const Value& initial) {
-    const std::uint32_t number = numbers_.FindOrAdd(shell, key, hash);
-    if (number == values_.size()) values_.push_back(initial);
-    return number;
+  void Touch(std::size_t point, std::uint32_t shell, VoxelKey key, bool is_own) {
+    const std::uint32_t hash = VoxelNumbers::HashOf(shell, key);
+    numbers_.Prefetch(hash);
+    touched_.push_back({key, static_cast<std::uint32_t>(point), shell, hash, is_own});
+  }
+
+  // Touches voxels of `count` points, then finds their numbers, then visits those that are known,
+  // by a part of the points after the other.
+  template <class TouchPoint, class FindNumber, class Visit>
+  void VisitInParts(std::size_t count, const TouchPoint& touch, const FindNumber& find_number,
+                    const Visit& visit) {
+    for (std::size_t begin = 0; begin < count; begin += kPartSize) {
+      touched_.clear();
+      for (std::size_t i = begin; i < std::min(begin + kPartSize, count); ++i) touch(i);
+      for (Touched& touched : touched_) {
+        find_number(touched);
+        if (touched.number != VoxelNumbers::kNone) PrefetchValue(touched.number);
+      }
+      for (const Touched& touched : touched_) {
+        if (touched.number != VoxelNumbers::kNone) visit(touched);
+      }
+    }
   }
 
   // Calls visit(shell, key, is_own) for the voxel of a point in each shell with a place near
@@ -238,38 +256,6 @@ class ShellTable {
     const char* const begin = reinterpret_cast<const char*>(&values_[number]);
     __builtin_prefetch(begin);
     if constexpr (sizeof(Value) > kCacheLineBytes) __builtin_prefetch(begin + kCacheLineBytes);
-  }
-
-  template <class Visit>
-  void VisitNumbers(const Eigen::Vector3f& point_m, const Visit& visit) const {
-    const std::size_t shell_index = ShellAt(static_cast<double>(point_m.norm()));
-    const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
-    const auto shell = static_cast<std::uint32_t>(shell_index);
-    // The table exceeds the cache: all slots are prefetched before the first one is read.
-    struct Slot {
-      VoxelKey key;
-      std::uint32_t hash;
-    };
-    std::array<Slot, kNumNeighbourhoodVoxels> slots;
-    auto next = slots.begin();
-    for (int dx = -1; dx <= 1; ++dx) {
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dz = -1; dz <= 1; ++dz) {
-          const VoxelKey key = KeyOf({home.x + dx, home.y + dy, home.z + dz});
-          *next = {key, VoxelNumbers::HashOf(shell, key)};
-          numbers_.Prefetch((next++)->hash);
-        }
-      }
-    }
-    std::array<std::uint32_t, kNumNeighbourhoodVoxels> numbers{};
-    auto end = numbers.begin();
-    for (const Slot& slot : slots) {
-      const std::uint32_t number = numbers_.Find(shell, slot.key, slot.hash);
-      if (number == VoxelNumbers::kNone) continue;
-      PrefetchValue(number);
-      *end++ = number;
-    }
-    std::for_each(numbers.begin(), end, visit);
   }
 
   std::vector<Shell> shells_;

@@ -97,7 +97,7 @@ class LiveSearch {
 
  private:
   // A verdict on the paths to a plot that stands for so many more plots.
-  struct Verdict {
+  struct StandingVerdict {
     Rejection rejection = Rejection::kNone;
     std::size_t num_plots = 0;
   };
@@ -120,10 +120,10 @@ class LiveSearch {
   FrameTime frame_time_;
   std::vector<TrackModel> models_;
   RecentPlots recent_plots_;
-  Queue<BodyBox> recent_bodies_;    // in order of time
-  std::vector<double> log_births_;  // (recent plots)
-  std::vector<char> free_;          // (recent plots)
-  std::vector<Verdict> verdicts_;   // (recent plots)
+  Queue<BodyBox> recent_bodies_;           // in order of time
+  std::vector<double> log_births_;         // (recent plots)
+  std::vector<char> free_;                 // (recent plots)
+  std::vector<StandingVerdict> verdicts_;  // (recent plots)
   std::vector<TrackSearch> searches_;
   RecentFrameTimes frame_times_;  // of the frames with plots
   // Buffers, reused from frame to frame.

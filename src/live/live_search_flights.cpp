@@ -61,7 +61,7 @@ PathScorer LiveSearch::ScorerOf(const std::vector<std::uint32_t>& members,
 
 Rejection LiveSearch::StandingRejection(const Path& path) {
   if (path.plots.size() < 2) return Rejection::kNone;
-  const Verdict& before = verdicts_[*(path.plots.end() - 2)];
+  const StandingVerdict& before = verdicts_[*(path.plots.end() - 2)];
   if (before.num_plots == 0) return Rejection::kNone;
   verdicts_[path.plots.back()] = {before.rejection, before.num_plots - 1};
   return before.rejection;

@@ -28,11 +28,12 @@ class TargetCollector {
  public:
   // Paths are modified if two belong to one target.
   TargetCollector(const Recording& recording, const MultiStationPlots& multi_station_plots,
+                  const std::vector<StationModel>& station_models,
                   const ScanSchedule& scan_schedule, const RobustConfig& config,
                   const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
       : recording_(recording),
         plots_(multi_station_plots.plots()),
-        station_models_(multi_station_plots.StationModels()),
+        station_models_(station_models),
         scan_schedule_(scan_schedule),
         config_(config),
         trajectory_config_(trajectory_config),
@@ -154,7 +155,7 @@ class TargetCollector {
 
   const Recording& recording_;
   const std::vector<Plot>& plots_;
-  std::vector<StationModel> station_models_;
+  const std::vector<StationModel>& station_models_;
   const ScanSchedule& scan_schedule_;
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
@@ -243,7 +244,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                    paths.size(),
                    threshold,
                    config.false_alarms_per_recording};
-  TargetCollector collector(recording, multi_station_plots, scan_schedule, config,
+  TargetCollector collector(recording, multi_station_plots, station_models, scan_schedule, config,
                             trajectory_config, &paths);
   for (std::size_t k = 0; k < paths.size(); ++k) {
     if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);

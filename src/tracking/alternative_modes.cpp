@@ -18,13 +18,15 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
+// A plot of a hypothesis.
+struct Step {
+  std::uint32_t plot = 0;
+  double time_s = 0.0;  // middle of its frame
+  State state;          // after its plot
+};
+
 // One of the hypotheses of a search, with its plots.
 struct AlternativePath {
-  struct Step {
-    std::uint32_t plot = 0;
-    double time_s = 0.0;  // middle of its frame
-    State state;          // after its plot
-  };
   std::vector<Step> steps;  // from the first plot on
   double score = 0.0;       // including missed detections since the last step
 };
@@ -95,15 +97,15 @@ class AlternativePaths {
     SetFrames(path[cut].frame_time_ns, path.back().frame_time_ns);
     std::vector<char> free = TakePlots(ordered, members[cut]);
     for (std::size_t k = cut; k < members.size(); ++k) {
-      tail_.push_back(members[k] - members[cut]);
-      free[tail_.back()] = 1;
+      tail_.push_back({members[k] - members[cut], own[best][k].time_s, own[best][k].state});
+      free[tail_.back().plot] = 1;
     }
     const double score = own[best][cut].score;
     std::vector<Hypothesis> initial_hypotheses;
     for (const std::vector<Hypothesis>& alternative : own) {
       initial_hypotheses.push_back(alternative[cut]);
       initial_hypotheses.back().score -= score;
-      initial_hypotheses.back().plot = static_cast<std::int32_t>(tail_.front());
+      initial_hypotheses.back().plot = static_cast<std::int32_t>(tail_.front().plot);
     }
     const double min_score =
         models_[best].ScoreAfterMisses(own[best].back(), end_) - score - kNegligibleLog;
@@ -134,7 +136,7 @@ class AlternativePaths {
         const std::size_t next = After(alternative.steps, time_ns);
         if (IsOnReportedPath(alternative, next, own)) continue;
         const auto [position_m, variance_m2] = At(alternative, next, models_[model], time_ns);
-        const Eigen::Vector3d from_origin_m = position_m - plots_[tail_.front()].position_m;
+        const Eigen::Vector3d from_origin_m = position_m - plots_[tail_.front().plot].position_m;
         sum += weights[k];
         mode.position_m += weights[k] * from_origin_m;
         square_sum_m2.array() += weights[k] * (from_origin_m.array().square() + variance_m2);
@@ -143,7 +145,7 @@ class AlternativePaths {
         mode.probability = sum / all;
         mode.position_m /= sum;
         mode.variance_m2 = square_sum_m2 / sum - mode.position_m.cwiseAbs2();
-        mode.position_m += plots_[tail_.front()].position_m;
+        mode.position_m += plots_[tail_.front().plot].position_m;
       }
       alternative_modes.push_back(mode);
     }
@@ -197,9 +199,8 @@ class AlternativePaths {
   }
 
   bool IsReportedPath(const AlternativePath& alternative) const {
-    return std::equal(
-        alternative.steps.begin(), alternative.steps.end(), tail_.begin(), tail_.end(),
-        [](const AlternativePath::Step& step, std::uint32_t i) { return step.plot == i; });
+    return std::equal(alternative.steps.begin(), alternative.steps.end(), tail_.begin(),
+                      tail_.end(), [](const Step& a, const Step& b) { return a.plot == b.plot; });
   }
 
   // Sets the frames from that of the first plot of the tail to those in which its last one may
@@ -235,14 +236,9 @@ class AlternativePaths {
     return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
   }
 
-  // Index of the first plot of an alternative later than a time; at least 1, as no time before its
-  // first plot is tested.
-  std::size_t After(const Members& members, TimeNs time_ns) const {
-    std::size_t next = 1;
-    while (next < members.size() && plots_[members[next]].frame_time_ns <= time_ns) ++next;
-    return next;
-  }
-  std::size_t After(const std::vector<AlternativePath::Step>& steps, TimeNs time_ns) const {
+  // Index of the first plot of a path later than a time; at least 1, as no time before its first
+  // plot is tested.
+  std::size_t After(const std::vector<Step>& steps, TimeNs time_ns) const {
     std::size_t next = 1;
     while (next < steps.size() && plots_[steps[next].plot].frame_time_ns <= time_ns) ++next;
     return next;
@@ -251,22 +247,22 @@ class AlternativePaths {
   // True if the alternative connects the same two consecutive plots as the path does.
   bool IsOnReportedPath(const AlternativePath& alternative, std::size_t next,
                         std::size_t own) const {
-    if (alternative.steps[next - 1].plot != tail_[own - 1]) return false;
+    if (alternative.steps[next - 1].plot != tail_[own - 1].plot) return false;
     if (next == alternative.steps.size()) return own == tail_.size();
-    return own < tail_.size() && alternative.steps[next].plot == tail_[own];
+    return own < tail_.size() && alternative.steps[next].plot == tail_[own].plot;
   }
 
   // Position according to an alternative, and variance per axis: predicted from the plot before and
   // updated with the plot after, if there is one.
   std::pair<Eigen::Vector3d, double> At(const AlternativePath& alternative, std::size_t next,
                                         const TrackModel& model, TimeNs time_ns) const {
-    const AlternativePath::Step& from = alternative.steps[next - 1];
+    const Step& from = alternative.steps[next - 1];
     const Motion to_here = model.MotionOver(Seconds(time_ns) - from.time_s);
     const Eigen::Matrix3d mean = from.state.mean * to_here.transition.transpose();
     const Eigen::Matrix3d covariance =
         to_here.transition * from.state.covariance * to_here.transition.transpose() + to_here.noise;
     if (next == alternative.steps.size()) return {mean.col(0), covariance(0, 0)};
-    const AlternativePath::Step& to = alternative.steps[next];
+    const Step& to = alternative.steps[next];
     const Motion on = model.MotionOver(to.time_s - Seconds(time_ns));
     const Eigen::Vector3d onto_position = on.transition.row(0).transpose();
     const double cross_covariance_m2 = covariance.row(0).dot(onto_position);
@@ -281,7 +277,7 @@ class AlternativePaths {
   const ScanSchedule& scan_schedule_;
   const TrackerConfig& config_;
   std::vector<Plot> plots_;  // from the first of the tail on
-  Members tail_;             // plots of the path from the cut on
+  std::vector<Step> tail_;   // the path from the cut on
   std::vector<TimeNs> frames_ns_;
   FrameTime end_;  // of the last frame
   std::vector<TrackModel> models_;

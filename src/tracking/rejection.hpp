@@ -1,6 +1,9 @@
 // The rules that refuse a plot, a path or a track, of recordings and of streams: one list.
 #pragma once
 
+#include <array>
+#include <cstddef>
+
 namespace unlidar {
 
 // Each with its reason or source, and its switch: a key, or the name of a Rule in
@@ -35,6 +38,28 @@ enum class Rejection {
 };
 
 // Returns the name that --trace writes, such as "below_threshold"; empty for kNone.
-const char* NameOf(Rejection rejection);
+inline const char* NameOf(Rejection rejection) {
+  constexpr std::array kNames = {"",
+                                 "structure",
+                                 "body",
+                                 "warm_up",
+                                 "surge",
+                                 "below_threshold",
+                                 "pause",
+                                 "too_few_detections",
+                                 "near_ground",
+                                 "stationary",
+                                 "weak_return",
+                                 "crowded",
+                                 "part_of_another_track",
+                                 "shares_returns",
+                                 "single_measurement",
+                                 "suspended",
+                                 "cloud",
+                                 "insect",
+                                 "lost"};
+  static_assert(kNames.size() == static_cast<std::size_t>(Rejection::kLost) + 1);
+  return kNames[static_cast<std::size_t>(rejection)];
+}
 
 }  // namespace unlidar

@@ -47,10 +47,13 @@ double OffsetS(const Plot& plot) {
   return static_cast<double>(plot.time_ns - plot.frame_time_ns) * kSecondsPerNs;
 }
 
-// Log probability of no return: a Poisson process whose rate falls with the square of range and has
-// an unknown scale with a gamma prior. method.md (7).
-double LogProbabilityOfNoReturn(double shape, double rate, double exposure) {
-  return -shape * std::log1p(exposure / rate);
+// Log probability of no return in an exposure, after some detections in an earlier one: a Poisson
+// process whose rate falls with the square of range and has an unknown scale with a gamma prior.
+// method.md (7).
+double LogMissProbability(double num_detections, double earlier_exposure, double exposure,
+                          const TrackerConfig& config) {
+  const double rate = kReturnRateShape / config.return_rate_m2_per_s + earlier_exposure;
+  return -(kReturnRateShape + num_detections) * std::log1p(exposure / rate);
 }
 
 double LogDetectionProbability(double log_miss_probability) {
@@ -122,8 +125,7 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
                     const TrackerConfig& config) {
   const ScanSchedule::Sensor& sensor = scan_schedule.sensors[plot.sensor];
   const double log_no_return =
-      LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config.return_rate_m2_per_s,
-                               sensor.frame_s * PerM2(plot.ray_m));
+      LogMissProbability(0.0, 0.0, sensor.frame_s * PerM2(plot.ray_m), config);
   return std::log(-std::expm1(log_no_return)) - plot.log_clutter;
 }
 
@@ -189,14 +191,15 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime
 
 double TrackModel::ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const {
   const double missed = NumMissedDetections(from, at);
-  const double log_missed = LogMissProbability(from, missed * from.frame_exposure_s_per_m2);
+  const double log_missed = LogMissProbabilityOf(from, missed * from.frame_exposure_s_per_m2);
   return from.score + std::max(LogOutOfViewProbability(missed, from.sensor), log_missed);
 }
 
 double TrackModel::PredictedScore(const Hypothesis& from, const FrameTime& at) const {
   if (at.sensor == from.sensor) return ScoreAfterMisses(from, at);
   return from.score +
-         LogPriorMissProbability(NumMissedDetections(from, at) * from.frame_exposure_s_per_m2);
+         LogMissProbability(0.0, 0.0, NumMissedDetections(from, at) * from.frame_exposure_s_per_m2,
+                            *config_);
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
@@ -301,14 +304,14 @@ double TrackModel::LogDetectionProbabilityOf(const Hypothesis& from, const Frame
 }
 
 double TrackModel::LogOtherDetectionProbability(const FrameTime& at, const State& state) const {
-  return LogDetectionProbability(LogPriorMissProbability(ExposureOfFrame(at, state)));
+  return LogDetectionProbability(
+      LogMissProbability(0.0, 0.0, ExposureOfFrame(at, state), *config_));
 }
 
 // The detections so far set the rate of further ones (gamma posterior).
-double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const {
-  return LogProbabilityOfNoReturn(
-      kReturnRateShape + from.num_detections,
-      kReturnRateShape / config_->return_rate_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
+double TrackModel::LogMissProbabilityOf(const Hypothesis& from, double exposure_s_per_m2) const {
+  return LogMissProbability(from.num_detections, from.exposure_s_per_m2, exposure_s_per_m2,
+                            *config_);
 }
 
 double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) const {
@@ -318,11 +321,6 @@ double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) 
   return log_out_of_view_ - std::log(std::max(missed, 1.0) * (log_max_frames + kEulerGamma));
 }
 
-double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {
-  return LogProbabilityOfNoReturn(
-      kReturnRateShape, kReturnRateShape / config_->return_rate_m2_per_s, exposure_s_per_m2);
-}
-
 double TrackModel::ExposureOfFrame(const FrameTime& at, const State& state) const {
   return frame_s_[at.sensor] * PerM2(state.mean.col(0) - at.viewpoint_m);
 }
@@ -330,7 +328,7 @@ double TrackModel::ExposureOfFrame(const FrameTime& at, const State& state) cons
 void TrackModel::SetDetectionProbability(const FrameTime& at, Hypothesis* h) const {
   h->frame_exposure_s_per_m2 = ExposureOfFrame(at, h->state);
   h->log_detection_probability =
-      LogDetectionProbability(LogMissProbability(*h, h->frame_exposure_s_per_m2));
+      LogDetectionProbability(LogMissProbabilityOf(*h, h->frame_exposure_s_per_m2));
 }
 
 double TrackModel::SpeedOf(const State& state) const {

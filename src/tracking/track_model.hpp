@@ -235,9 +235,8 @@ class TrackModel {
  private:
   void SetDetectionProbability(const FrameTime& at, Hypothesis* h) const;
   double SpeedOf(const State& state) const;  // no more than targets fly
-  double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
+  double LogMissProbabilityOf(const Hypothesis& from, double exposure_s_per_m2) const;
   double LogOutOfViewProbability(double missed, std::uint32_t sensor) const;
-  double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
   double LogOtherDetectionProbability(const FrameTime& at, const State& state) const;
   double ExposureOfFrame(const FrameTime& at, const State& state) const;
 

@@ -9,7 +9,8 @@
 
 namespace unlidar {
 
-// Recent frame times, stored once per frame to save the memory of one per plot.
+// Recent frame times, stored once per frame to save the memory of one per plot. Their counts stand
+// in one queue: a vector in each frame would be allocated whenever the queue of frames grows.
 class RecentFrameTimes {
  public:
   // Adds the next frame. Frame numbers increase.

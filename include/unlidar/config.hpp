@@ -109,7 +109,8 @@ enum class Rule {
   kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
-  kPause,            // gates: [S] plots before a pause,
+  kOnStructure,      // gates: people and vehicles on bridges and roofs,
+  kPause,            // [S] plots before a pause,
   kStationary,       // objects at rest: [S] supported ones, those that the sensor passes,
   kSurge,            // [S] plots while the clutter changes,
   kSuspended,        // suspended objects,

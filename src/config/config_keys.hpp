@@ -96,6 +96,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"frame_length", Rule::kFrameLength},
                        {"crowded", Rule::kCrowded},
                        {"bodies", Rule::kBodies},
+                       {"on_structure", Rule::kOnStructure},
                        {"strays", Rule::kStrays},
                        {"stray_groups", Rule::kStrayGroups},
                        {"local_clutter", Rule::kLocalClutter},

@@ -10,6 +10,7 @@
 #include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
 #include "scene/support.hpp"
+#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 
 namespace unlidar {

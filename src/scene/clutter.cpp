@@ -11,8 +11,6 @@ namespace {
 constexpr RangeRadius kWide{4.0, 0.35};
 constexpr RangeRadius kMiddle{4.0, 0.12};
 constexpr double kEmptySkyRate = 1e-6;
-// Extent of a static object that is a point to the sensor.
-constexpr RangeRadius kSpotRadius{0.19, 0.006};
 // Prior share of plots that recur at their spots, with the weight of one plot.
 constexpr double kPriorRecurrenceShare = 0.5;
 
@@ -38,11 +36,6 @@ double RateAtOtherTimes(const ClutterMap::Levels& levels, double num_frames,
 }
 
 Eigen::Vector3f PlaceM(const Plot& plot) { return plot.PlaceM().cast<float>(); }
-
-// Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).
-double PlotVolumeM3(const Plot& plot) {
-  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
-}
 
 // Clutter of a recording, with hindsight.
 class ClutterEstimate {
@@ -278,6 +271,10 @@ ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_
   return {
       std::log(rate),
       std::log(std::max({rate, SpotRateOf(plot).Given(NumAtSpot(plot) - 1.0), plot.place_rate}))};
+}
+
+double PlotVolumeM3(const Plot& plot) {
+  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
 }
 
 void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,

@@ -19,6 +19,9 @@ namespace unlidar {
 // The narrowest neighbourhood, of a branch.
 constexpr RangeRadius kClutterNarrow{1.5, 0.04};
 
+// Extent of a static object that is a point to the sensor.
+constexpr RangeRadius kSpotRadius{0.19, 0.006};
+
 // Counts the plots of a sensor in neighbourhoods of three sizes. Bins within kExclusionBins of a
 // plot's own do not count towards its clutter: a target takes about that long to leave its place.
 class ClutterMap {
@@ -146,6 +149,9 @@ class ClutterModel {
   std::uint32_t forgotten_bins_ = 0;  // earlier ones are forgotten
   std::vector<Sensor> sensors_;
 };
+
+// Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).
+double PlotVolumeM3(const Plot& plot);
 
 // Sets log_clutter of every plot, after MarkFloating, from the plots of its sensor in the whole
 // recording that are not `assigned` (one per plot). By hindsight the plots of a spot may all be one

@@ -241,24 +241,34 @@ void Occupancy::JudgeAll() {
 }
 
 void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
-  GetReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
+  points_m->clear();
+  AppendReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
+}
+
+// Structure by evidence, or by want of it where the place was hit for most of the time.
+bool Occupancy::Lasts(const Place& place) const {
+  return place.is_structure && (!place.is_unknown || 2 * place.hits.Size() > observed_.Size());
 }
 
 // In the first seconds a place with few hits may be a pole. A place that an object has left is no
 // longer hit.
-void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
+std::size_t Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
+  points_m->clear();
+  AppendReturnsOf([this](const Place& place) { return Lasts(place); }, points_m);
+  const std::size_t num_lasting = points_m->size();
   const bool is_young = observed_.Size() < kYoungBins;
-  const auto is_supporter = [&](const Place& place) {
+  const auto is_other = [&](const Place& place) {
+    if (Lasts(place)) return false;
     if (!is_young || place.is_structure) return place.is_supporter;
     return newest_ - place.bin + place.hits.Youngest() <= max_break_;
   };
-  GetReturnsOf(is_supporter, points_m);
+  AppendReturnsOf(is_other, points_m);
+  return num_lasting;
 }
 
 template <class IsWanted>
-void Occupancy::GetReturnsOf(const IsWanted& is_wanted,
-                             std::vector<Eigen::Vector3f>* points_m) const {
-  points_m->clear();
+void Occupancy::AppendReturnsOf(const IsWanted& is_wanted,
+                                std::vector<Eigen::Vector3f>* points_m) const {
   places_.VisitAll([&](const Place& place) {
     if (place.is_own && is_wanted(place)) points_m->push_back(place.point_m);
   });

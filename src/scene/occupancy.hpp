@@ -76,9 +76,11 @@ class Occupancy {
   // Sets one return for each place last judged as structure and hit within the window.
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
 
-  // Sets one return for each possible support: a place hit at least half as often as structure, in
-  // several bins outside its dwell; in the first seconds, any place that is still being hit.
-  void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
+  // Sets one return for each possible support: structure and places hit at least half as often, in
+  // several bins outside their dwells; in the first seconds, any that are still being hit. First
+  // come those that last, as seen at other times or most of the time; returns their number. The
+  // others may be places where a target was.
+  std::size_t GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
 
   const FieldOfView& field_of_view() const { return occlusion_.field_of_view(); }
 
@@ -126,11 +128,12 @@ class Occupancy {
   bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
+  bool Lasts(const Place& place) const;
   bool IsValid(const Place& place, std::int64_t bin) const;
   static int ChanceOf(const Place& place);
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
   template <class IsWanted>
-  void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
+  void AppendReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
 
   BackgroundConfig config_;
   bool knows_strays_;

@@ -47,8 +47,8 @@ void StationScene::FitGround() {
 }
 
 void StationScene::FillSupport() {
-  occupancy_.GetSupporters(&structure_m_);
-  support_.Fill(structure_m_, occupancy_.field_of_view().Edges());
+  const std::size_t num_lasting = occupancy_.GetSupporters(&structure_m_);
+  support_.Fill(structure_m_, num_lasting, occupancy_.field_of_view().Edges());
   watched_.Update();
   ++num_fits_;
 }
@@ -86,6 +86,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
     Plot& plot = found.plots[p];
     SetPlaceRate(ReturnsOf(p), &plot);
     SetWatchedBelow(carrier, &plot);
+    SetAboveStructure(shift_m, &plot);
     plot.position_m += shift_m.cast<double>();
   }
   for (BodyBox& body : found.bodies) body = body.Moved(shift_m);
@@ -130,6 +131,17 @@ void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const
   const double own = share_between(-kBodyPartM / 2, kBodyPartM / 2);
   const double below = share_between(-plot->column_m, -kBelowPlotM);
   plot->watched_below = below < own ? below / own : (below > 0.0 ? 1.0 : 0.0);
+}
+
+// Structure may carry what is no higher above it than people and vehicles are above the ground.
+// Nobody walks on what is lower than people are: hedges, fences and cars.
+void StationScene::SetAboveStructure(const Eigen::Vector3f& shift_m, Plot* plot) const {
+  const double most_m = config_->off_ground_m;
+  if (!config_->Uses(Rule::kOnStructure) || plot->lowest_m <= most_m) return;
+  const Eigen::Vector3f place_m = plot->position_m.cast<float>() + shift_m;
+  const double radius_m = kColumnRadius.At(plot->ray_m.norm());
+  const double height_m = support_.HeightAboveStructureM(place_m, radius_m, kBelowPlotM, most_m);
+  if (plot->lowest_m - height_m > most_m) plot->above_structure_m = height_m;
 }
 
 void StationScene::SetPlaceRate(const IndexView& returns, Plot* plot) const {

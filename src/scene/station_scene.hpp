@@ -57,6 +57,7 @@ class StationScene {
  private:
   void DropStrays(const std::vector<Eigen::Vector3f>& points_m);
   double MeanStrayRate(const IndexView& returns) const;
+  void SetAboveStructure(const Eigen::Vector3f& shift_m, Plot* plot) const;
   void SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const;
   void SetPlaceRate(const IndexView& returns, Plot* plot) const;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -24,22 +25,25 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 Support::Support(Ground ground, const SupportConfig& config)
     : ground_(std::move(ground)), config_(config), depth_(kHidingCellDeg) {}
 
-void Support::Fill(const PointsView& structure_m, const ElevationRange& view) {
+void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
+                   const ElevationRange& view) {
   view_ = view;
-  depth_.Fill(structure_m);
+  depth_.Fill(supports_m);
   seen_.Clear();
   thinned_m_.clear();
   cell_of_.clear();
+  do_last_.clear();
   cells_.Clear();
   first_.clear();
-  for (std::size_t i = 0; i < structure_m.size(); ++i) {
-    const Eigen::Vector3f& point_m = structure_m[i];
+  for (std::size_t i = 0; i < supports_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = supports_m[i];
     const std::uint32_t number = seen_.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
     if (number < thinned_m_.size()) {
       if (IsBefore(point_m, thinned_m_[number])) thinned_m_[number] = point_m;  // in the same cell
       continue;
     }
     thinned_m_.push_back(point_m);
+    do_last_.push_back(i < num_lasting ? 1 : 0);
     cell_of_.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
     if (cell_of_.back() == first_.size()) first_.push_back(0);
     ++first_[cell_of_.back()];
@@ -47,7 +51,12 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view) {
   // Counting sort of the points by cell, from the last point: counts become ends, then begins.
   std::partial_sum(first_.begin(), first_.end(), first_.begin());
   points_m_.resize(thinned_m_.size());
-  for (std::size_t i = points_m_.size(); i-- > 0;) points_m_[--first_[cell_of_[i]]] = thinned_m_[i];
+  are_lasting_.resize(thinned_m_.size());
+  for (std::size_t i = points_m_.size(); i-- > 0;) {
+    const std::uint32_t at = --first_[cell_of_[i]];
+    points_m_[at] = thinned_m_[i];
+    are_lasting_[at] = do_last_[i];
+  }
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
 
@@ -63,6 +72,33 @@ double Support::ReachM(const Eigen::Vector3f& place_m, bool is_transient) const 
   const auto range_m = static_cast<double>(place_m.norm());
   return ArrivedByAir(place_m, is_transient) ? config_.reach.At(range_m)
                                              : SupportReachM(range_m, config_);
+}
+
+double Support::HeightAboveStructureM(const Eigen::Vector3f& place_m, double radius_m,
+                                      double least_m, double most_m) const {
+  const auto radius = static_cast<float>(radius_m);
+  const auto least = static_cast<float>(least_m);
+  auto height = static_cast<float>(most_m);
+  bool is_found = false;
+  const Voxel low = VoxelAt(place_m - Eigen::Vector3f(radius, radius, height), kCellM);
+  const Voxel high = VoxelAt(place_m + Eigen::Vector3f(radius, radius, -least), kCellM);
+  for (std::int64_t x = low.x; x <= high.x; ++x) {
+    for (std::int64_t y = low.y; y <= high.y; ++y) {
+      for (std::int64_t z = low.z; z <= high.z; ++z) {
+        const std::uint32_t cell = cells_.Find(0, KeyOf({x, y, z}));
+        if (cell == VoxelNumbers::kNone) continue;
+        for (std::uint32_t i = first_[cell]; i < first_[cell + 1]; ++i) {
+          if (are_lasting_[i] == 0) continue;
+          const Eigen::Vector3f down_m = place_m - points_m_[i];
+          if (down_m.z() < least || down_m.z() > height) continue;
+          if (down_m.head<2>().norm() > radius) continue;
+          height = down_m.z();
+          is_found = true;
+        }
+      }
+    }
+  }
+  return is_found ? static_cast<double>(height) : std::numeric_limits<double>::infinity();
 }
 
 bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {

@@ -36,15 +36,21 @@ class Support {
   // Starts without structure.
   Support(Ground ground, const SupportConfig& config);
 
-  // Replace ground and structure; reuse the allocated memory.
+  // Replace ground and possible supports, of which the first `num_lasting` are no places of a
+  // target (Occupancy::GetSupporters); reuse the allocated memory.
   void FitGround(const PointsView& structure_m) { ground_.Fit(structure_m); }
-  void Fill(const PointsView& structure_m, const ElevationRange& view);
+  void Fill(const PointsView& supports_m, std::size_t num_lasting, const ElevationRange& view);
 
   const Ground& ground() const { return ground_; }
 
   // True if a static object at `place_m` has no support; false if unknown. `is_transient`: it was
   // absent before, or is absent afterwards.
   bool IsFloating(const Eigen::Vector3f& place_m, bool is_transient = false) const;
+
+  // Returns the height in m of a place over the highest lasting structure in the column of this
+  // radius below it, from `least_m` on; infinity if there is none within `most_m`.
+  double HeightAboveStructureM(const Eigen::Vector3f& place_m, double radius_m, double least_m,
+                               double most_m) const;
 
   // Returns the largest distance in m from an object to a possible support.
   double ReachM(const Eigen::Vector3f& place_m, bool is_transient) const;
@@ -59,10 +65,12 @@ class Support {
   VoxelNumbers cells_;                     // voxels of structure
   std::vector<std::uint32_t> first_;       // (cells + 1) first point of each cell, then the end
   std::vector<Eigen::Vector3f> points_m_;  // by cell
+  std::vector<char> are_lasting_;          // (points)
   // Buffers of Fill(), kept for reuse.
   VoxelNumbers seen_;
   std::vector<Eigen::Vector3f> thinned_m_;  // structure, one point per voxel
   std::vector<std::uint32_t> cell_of_;      // of each of these
+  std::vector<char> do_last_;               // (points thinned)
 };
 
 }  // namespace unlidar

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <numeric>
 #include <vector>
 
 #include "base/recording.hpp"
@@ -245,10 +246,11 @@ constexpr std::uint32_t kNumPlots = 20;
 bool Never(const std::vector<std::uint32_t>& /*numbers*/) { return false; }
 
 // Twenty frames of a path, one a metre of the way of its sensor, if that travels. `height_m`: of
-// each plot over ground.
+// each plot over ground; `num_on_structure`: of the first plots, half a metre above structure.
 Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels,
                       const std::vector<double>& height_m = std::vector<double>(kNumPlots, 10.0),
-                      const ReachesThreshold& reaches_threshold = Never) {
+                      const ReachesThreshold& reaches_threshold = Never,
+                      std::uint32_t num_on_structure = 0) {
   Recording recording;
   recording.sensors.resize(1);
   std::vector<Plot> path;
@@ -265,6 +267,7 @@ Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels,
     plot.position_m = Eigen::Vector3d(30.0, 5.0, 10.0) + k * step_m;
     plot.ray_m = plot.position_m - plot.shift_m.cast<double>();
     plot.lowest_m = height_m[k];
+    if (k < num_on_structure) plot.above_structure_m = 0.5;
     plot.num_returns = 5;
     path.push_back(plot);
   }
@@ -286,6 +289,22 @@ TEST(Flight, WhatIsHighMustBeAPathByItself) {
   EXPECT_EQ(RejectionOf(step_m, false, height_m, accepts), Rejection::kNone);
   std::fill(height_m.begin() + 6, height_m.end() - 11, 0.6);  // two plots are high, in few frames
   EXPECT_EQ(RejectionOf(step_m, false, height_m, accepts), Rejection::kNearGround);
+}
+
+// A walker on a bridge is as high above the ground as drones are.
+TEST(Flight, WhatStructureMayCarryMustBeAPathByItselfAboveIt) {
+  const Eigen::Vector3d step_m(0, 0.3, 0);
+  const std::vector<double> height_m(kNumPlots, 10.0);
+  std::vector<std::uint32_t> high(kNumPlots - 8);
+  std::iota(high.begin(), high.end(), 8U);
+  const auto accepts = [&](const std::vector<std::uint32_t>& numbers) {
+    EXPECT_EQ(numbers, high);
+    return true;
+  };
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, Never, 0), Rejection::kNone);
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, Never, kNumPlots), Rejection::kOnStructure);
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, Never, 8), Rejection::kOnStructure);
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, accepts, 8), Rejection::kNone);
 }
 
 TEST(Flight, WhatHasNothingBelowItNeedOnlyBeClearOfTheGround) {

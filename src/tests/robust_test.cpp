@@ -197,6 +197,31 @@ TEST(FindTargetsRobust, FindsNothingInAGustButADroneThatPassesThere) {
   }
 }
 
+TEST(FindTargetsRobust, ReportsNoHeadsAboveTheParapetOfABridgeButTheDroneAboveThem) {
+  const auto bridge = [](double time_s, RecordingMaker* m) {
+    m->AddBox({9.0, -15.0, 3.5}, {9.2, 15.0, 5.0}, 400);
+    for (const double mps : {1.4, -1.2}) {
+      const double y_m = mps * (time_s - 6.0);
+      m->AddBox({9.6, y_m - 0.2, 5.1}, {9.9, y_m + 0.2, 5.6}, 1 + m->random.Poisson(4.0), kWalker);
+    }
+  };
+  const Flight above = [](double time_s) -> Eigen::Vector3d {
+    return {9.0, 1.5 * (time_s - 6.0), 8.0 + std::sin(0.6 * time_s)};
+  };
+  RobustConfig without;
+  without.disabled_rules = {Rule::kOnStructure};
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
+    const RecordingMaker alone = Yard(seed, bridge);
+    EXPECT_TRUE(Find(alone.recording).targets.empty()) << seed;
+    EXPECT_EQ(FindTargetsRobust(alone.recording, without, TrajectoryConfig()).targets.size(), 2U);
+    const RecordingMaker both = Yard(seed, [&](double time_s, RecordingMaker* m) {
+      bridge(time_s, m);
+      DroneOn(above, 4.0)(time_s, m);
+    });
+    ExpectOneDrone(Find(both.recording), above, 11.0);
+  }
+}
+
 TEST(FindTargetsRobust, FindsNothingInAnEmptySky) {
   for (std::uint32_t seed = 0; seed < testing::Draws(20U); ++seed) {
     const RecordingMaker maker = Yard(seed, [](double, RecordingMaker*) {});

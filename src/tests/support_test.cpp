@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 #include <vector>
 
@@ -66,6 +67,43 @@ TEST(Support, AThingOnAPoleOrNearStructureDoesNotFloat) {
   EXPECT_FALSE(BlobFloats(at_m, Pole(12.5, 0, 12.0)));  // what joins them may be a wire
   EXPECT_TRUE(BlobFloats(at_m, Pole(13.1, 0, 12.0)));
   EXPECT_FALSE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 2.0F, 8.0F)}));
+}
+
+TEST(Support, HeightAboveStructureIsThatOfBruteForce) {
+  constexpr double kLeastM = 0.4;
+  constexpr double kMostM = 2.0;
+  Random random(3);
+  std::vector<Eigen::Vector3f> structure_m;  // one point a voxel: all are kept
+  for (double x = -6.0; x < 6.0; x += 0.75) {
+    for (double y = -6.0; y < 6.0; y += 0.75) {
+      for (double z = -3.0; z < 5.0; z += 1.25) {
+        structure_m.push_back((Eigen::Vector3d(x, y, z) + random.NormalVector(0.05)).cast<float>());
+      }
+    }
+  }
+  const Ground ground;
+  const Support support = SupportBy(structure_m, ground, SupportConfig());
+  int num_found = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const Eigen::Vector3f place_m = random.NormalVector(4.0).cast<float>();
+    const double radius_m = k % 2 == 0 ? 0.3 : 0.6;
+    double expected_m = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3f& point_m : structure_m) {
+      const Eigen::Vector3d down_m = (place_m - point_m).cast<double>();
+      if (down_m.head<2>().norm() > radius_m || down_m.z() < kLeastM || down_m.z() > kMostM)
+        continue;
+      expected_m = std::min(expected_m, down_m.z());
+    }
+    num_found += std::isfinite(expected_m) ? 1 : 0;
+    const double height_m = support.HeightAboveStructureM(place_m, radius_m, kLeastM, kMostM);
+    if (std::isfinite(expected_m)) {
+      EXPECT_NEAR(height_m, expected_m, 1e-5);
+    } else {
+      EXPECT_EQ(height_m, expected_m);
+    }
+  }
+  EXPECT_GT(num_found, 300);
+  EXPECT_LT(num_found, 1700);
 }
 
 // Of the structure in a voxel one point is kept, the same one in any order.

@@ -6,6 +6,8 @@
 #include <set>
 #include <utility>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -238,49 +240,24 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  const auto is_path_above = [&](double height_m) {
-    const std::vector<std::uint32_t> high = NumbersAbove(path, height_m);
-    return high.size() == path.size() ||
-           (static_cast<int>(high.size()) >= config.min_plots && reaches_threshold(high));
+  const auto is_path = [&](const std::vector<std::uint32_t>& numbers) {
+    return numbers.size() == path.size() ||
+           (static_cast<int>(numbers.size()) >= config.min_plots && reaches_threshold(numbers));
   };
   // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
-  if (!is_path_above(config.off_ground_m) &&
-      !(HasNothingBelow(recording, path, bodies, config) &&
-        is_path_above(std::min(kClearM, config.off_ground_m)))) {
-    return Rejection::kNearGround;
+  std::vector<std::uint32_t> high = NumbersAbove(path, config.off_ground_m);
+  if (!is_path(high)) {
+    if (!HasNothingBelow(recording, path, bodies, config)) return Rejection::kNearGround;
+    high = NumbersAbove(path, std::min(kClearM, config.off_ground_m));
+    if (!is_path(high)) return Rejection::kNearGround;
   }
+  EraseIf(&high, [&](std::uint32_t i) { return std::isfinite(path[i].above_structure_m); });
+  if (!is_path(high)) return Rejection::kOnStructure;
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;
   if (config.Uses(Rule::kStationary) && IsPassedAtRest(path)) return Rejection::kStationary;
   return Rejection::kNone;
-}
-
-double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
-                       const std::vector<char>& are_free,
-                       const std::function<std::uint32_t(const Plot&)>& num_frames_about) {
-  const TimeNs reach_ns = NsOf(kCrowdingReachS);
-  double penalty = 0.0;
-  auto first = plots.begin();
-  for (const std::uint32_t i : path) {
-    const Plot& plot = plots[i];
-    const double radius_m = kClutterNarrow.At(plot.ray_m.norm());
-    while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
-    double others = 0.0;
-    for (auto other = first;
-         other != plots.end() && other->frame_time_ns <= plot.frame_time_ns + reach_ns; ++other) {
-      const auto k = static_cast<std::uint32_t>(other - plots.begin());
-      if (other->sensor != plot.sensor || are_free[k] == 0) continue;
-      if ((other->position_m - plot.position_m).squaredNorm() > radius_m * radius_m) continue;
-      if (!std::binary_search(path.begin(), path.end(), k)) others += 1.0;
-    }
-    if (others == 0.0) continue;
-    const double exposure =
-        num_frames_about(plot) * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
-    const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
-    penalty += std::max(0.0, log_rate - plot.log_clutter);
-  }
-  return penalty;
 }
 
 }  // namespace unlidar

@@ -1,4 +1,4 @@
-// Gates on a path beyond its score: detections, height, return rate and crowding.
+// Gates on a path beyond its score: detections, height and return rate.
 #pragma once
 
 #include <cstdint>
@@ -7,9 +7,7 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "scene/clutter.hpp"
 #include "scene/plots.hpp"
-#include "scene/time_bins.hpp"
 #include "tracking/rejection.hpp"
 #include "unlidar/config.hpp"
 
@@ -36,23 +34,13 @@ using ReachesThreshold = std::function<bool(const std::vector<std::uint32_t>& nu
 
 // Returns kNone for a path that has enough detections, is off the ground and has the return rate of
 // a drone. It is off the ground if its plots above the height of people and cars are enough for a
-// path by themselves; where nothing stands below it, plots need only be clear of the ground. Seen
-// from a carrier that travels meanwhile, it must also move over the ground: static objects come
+// path by themselves; where nothing stands below it, plots need only be clear of the ground.
+// Those among them that no structure may carry must be enough, too (kOnStructure): people and
+// vehicles pass over bridges and roofs. Seen from a carrier that travels meanwhile, it must also move over the ground: static objects come
 // into range and leave it height by height, and so look like transient ones.
 // Uses the sensors and frames of the recording, which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config);
-
-// Other plots count within this time of a plot: the clutter intensity is that of other times.
-constexpr double kCrowdingReachS = (ClutterMap::kExclusionBins + 0.5) * kBinS;
-
-// Returns the log-likelihood penalty for other plots around a path at the same time, which the
-// clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
-// hedge shows all at once. Plots of targets, which are not free, and its own do not count.
-// `num_frames_about`: number of frames of the sensor of a plot within kCrowdingReachS.
-double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
-                       const std::vector<char>& are_free,
-                       const std::function<std::uint32_t(const Plot&)>& num_frames_about);
 
 }  // namespace unlidar

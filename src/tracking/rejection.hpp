@@ -23,6 +23,7 @@ enum class Rejection {
   kPause,             // [S] plots before a long gap are another target's; rule pause
   kTooFewDetections,  // M of N: repeated clutter is not independent evidence; robust.min_plots
   kNearGround,        // people and vehicles move as targets do; robust.off_ground_m, _share
+  kOnStructure,       // the same on bridges and roofs; rule on_structure
   kStationary,        // at rest: [S] supported, or passed by the sensor; rule stationary
   kWeakReturn,        // cross-section of an insect; robust.min_return_rate_m2_per_s
   kCrowded,           // below the threshold given the neighbouring plots of the time; rule crowded
@@ -48,6 +49,7 @@ inline const char* NameOf(Rejection rejection) {
                                  "pause",
                                  "too_few_detections",
                                  "near_ground",
+                                 "on_structure",
                                  "stationary",
                                  "weak_return",
                                  "crowded",

@@ -90,6 +90,12 @@ GATES = {
         ("robust.off_ground_m",),
         "method.md#6-decision",
     ),
+    "on_structure": Meaning(
+        "Too little of a path is higher above a bridge, a roof or other structure than people and "
+        "vehicles that it carries.",
+        ("robust.off_ground_m", "robust.disabled_rules"),
+        "method.md#6-decision",
+    ),
     "stationary": Meaning(
         "A path of a stream stays where it is and something may hold it up: a twig that is hit "
         "more often for a while does so.",
@@ -102,8 +108,8 @@ GATES = {
         "method.md#6-decision",
     ),
     "crowded": Meaning(
-        "A path's score, less what else is detected about it at the same time, is below the "
-        "threshold: a bush in a gust shows all at once.",
+        "A path's score, less what else is detected about it at the same time or in bursts, is "
+        "below the threshold: a bush in a gust shows all at once, a twig again and again.",
         ("robust.false_alarms_per_recording", "robust.disabled_rules"),
         "method.md#6-decision",
     ),

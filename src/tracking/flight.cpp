@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
+#include "scene/time_bins.hpp"
 
 namespace unlidar {
 namespace {

@@ -109,7 +109,7 @@ PathDecision LiveTracker::Decide(const Path& path) {
   PathDecision decision;
   decision.log_likelihood_ratio = path.score;
   decision.rejection = search_.Judge(path);
-  // Left in the search, who walks over a bridge would be the likeliest way to any drone near it.
+  // A path over a bridge that stays in the search is the likeliest way to any drone near it.
   if (decision.rejection == Rejection::kOnStructure) search_.Take(path);
   if (decision.rejection != Rejection::kNone) return decision;
   const Flight& flight = search_.flight();

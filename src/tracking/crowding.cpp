@@ -28,7 +28,7 @@ std::vector<const Plot*> OthersNear(const std::vector<std::uint32_t>& path,
   return others;
 }
 
-// Number of those that lie within kCrowdingReachS of each of these times, ascending, but itself.
+// Returns the number of others within kCrowdingReachS of each of these times, in all. They ascend.
 double NumWithinReach(const std::vector<TimeNs>& times_ns) {
   const TimeNs reach_ns = NsOf(kCrowdingReachS);
   std::size_t count = 0;

@@ -54,7 +54,6 @@ bool SetTimesOfTurn(const std::vector<Eigen::Vector3f>& points_m, const SensorCo
   }
   const double length_ns = static_cast<double>(end_ns - begin_ns);
   times_ns->clear();
-  times_ns->reserve(points_m.size());
   std::size_t k = 0;  // the sample before
   for (std::size_t i = 0; i <= last; ++i) {
     if (k + 1 < kSampledReturns && i == sampled(k + 1)) ++k;

@@ -32,9 +32,9 @@ void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
   seen_.Clear();
   thinned_m_.clear();
   cell_of_.clear();
-  do_last_.clear();
   cells_.Clear();
   first_.clear();
+  std::size_t num_thinned_lasting = 0;
   for (std::size_t i = 0; i < supports_m.size(); ++i) {
     const Eigen::Vector3f& point_m = supports_m[i];
     const std::uint32_t number = seen_.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
@@ -43,7 +43,7 @@ void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
       continue;
     }
     thinned_m_.push_back(point_m);
-    do_last_.push_back(i < num_lasting ? 1 : 0);
+    if (i < num_lasting) ++num_thinned_lasting;
     cell_of_.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
     if (cell_of_.back() == first_.size()) first_.push_back(0);
     ++first_[cell_of_.back()];
@@ -55,7 +55,7 @@ void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
   for (std::size_t i = points_m_.size(); i-- > 0;) {
     const std::uint32_t at = --first_[cell_of_[i]];
     points_m_[at] = thinned_m_[i];
-    are_lasting_[at] = do_last_[i];
+    are_lasting_[at] = i < num_thinned_lasting ? 1 : 0;
   }
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
@@ -78,9 +78,9 @@ double Support::HeightAboveStructureM(const Eigen::Vector3f& place_m, double rad
                                       double least_m, double most_m) const {
   const auto radius = static_cast<float>(radius_m);
   const auto least = static_cast<float>(least_m);
-  auto height = static_cast<float>(most_m);
-  bool is_found = false;
-  const Voxel low = VoxelAt(place_m - Eigen::Vector3f(radius, radius, height), kCellM);
+  const auto most = static_cast<float>(most_m);
+  float height = std::numeric_limits<float>::infinity();
+  const Voxel low = VoxelAt(place_m - Eigen::Vector3f(radius, radius, most), kCellM);
   const Voxel high = VoxelAt(place_m + Eigen::Vector3f(radius, radius, -least), kCellM);
   for (std::int64_t x = low.x; x <= high.x; ++x) {
     for (std::int64_t y = low.y; y <= high.y; ++y) {
@@ -90,15 +90,13 @@ double Support::HeightAboveStructureM(const Eigen::Vector3f& place_m, double rad
         for (std::uint32_t i = first_[cell]; i < first_[cell + 1]; ++i) {
           if (are_lasting_[i] == 0) continue;
           const Eigen::Vector3f down_m = place_m - points_m_[i];
-          if (down_m.z() < least || down_m.z() > height) continue;
-          if (down_m.head<2>().norm() > radius) continue;
-          height = down_m.z();
-          is_found = true;
+          if (down_m.z() < least || down_m.z() > most) continue;
+          if (down_m.head<2>().norm() <= radius) height = std::min(height, down_m.z());
         }
       }
     }
   }
-  return is_found ? static_cast<double>(height) : std::numeric_limits<double>::infinity();
+  return static_cast<double>(height);
 }
 
 bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {

@@ -70,7 +70,6 @@ class Support {
   VoxelNumbers seen_;
   std::vector<Eigen::Vector3f> thinned_m_;  // structure, one point per voxel
   std::vector<std::uint32_t> cell_of_;      // of each of these
-  std::vector<char> do_last_;               // (points thinned)
 };
 
 }  // namespace unlidar

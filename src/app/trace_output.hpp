@@ -14,7 +14,7 @@
 #include "app/output_files.hpp"
 #include "app/signals.hpp"
 #include "live/live_trace.hpp"
-#include "recording/trace.hpp"
+#include "recording/robust.hpp"
 
 namespace unlidar {
 

@@ -12,11 +12,17 @@
 #include "recording/robust.hpp"
 #include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"
-#include "trajectory/return_statistics.hpp"
 #include "trajectory/sampling.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// Return rate and extent of a target. Informative only, not used for the kind: drones and birds of
+// one size reflect alike.
+struct ReturnStatistics {
+  double echo_m2_per_s = 0.0;  // return rate: returns per second times range^2
+  double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
+};
 
 // A target with the rows of its trajectory. Ids count from 0 in order of first evidence.
 struct FittedTrack {

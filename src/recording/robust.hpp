@@ -11,10 +11,13 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <vector>
 
 #include "base/recording.hpp"
-#include "recording/trace.hpp"
+#include "scene/plots.hpp"
+#include "tracking/rejection.hpp"
+#include "tracking/tracker.hpp"
 #include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 
@@ -34,6 +37,24 @@ struct RobustResult {
   std::vector<Target> targets;  // by falling score
   RobustCounts counts;
 };
+
+// Decision on a path.
+struct PathVerdict {
+  double crowding_penalty = 0.0;  // subtracted from its score
+  Rejection rejection = Rejection::kNone;
+};
+
+// Measurements and decisions of a search, for --trace.
+struct SearchTrace {
+  const std::vector<Plot>& plots;            // in order of time
+  const std::vector<char>& are_bodies;       // (returns)
+  const std::vector<Path>& paths;            // by falling score
+  const std::vector<PathVerdict>& verdicts;  // (paths)
+  double score_threshold;
+};
+
+// Called at the end of a search; recording and trace are valid during the call only.
+using TraceSink = std::function<void(const Recording& recording, const SearchTrace& trace)>;
 
 // `trace`, if set, receives the measured quantities and the reasons for rejected paths.
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,

@@ -16,7 +16,7 @@
 #include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
-#include "trajectory/truncated_loss.hpp"
+#include "trajectory/trajectory_model.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,5 +1,4 @@
-#include "trajectory/ceres_minimum.hpp"
-
+// The minimum of a trajectory by Ceres, which nothing else here calls.
 #include <ceres/evaluation_callback.h>
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
@@ -10,8 +9,10 @@
 #include <cmath>
 #include <cstddef>
 #include <new>
+#include <vector>
 
 #include "base/memory_reserve.hpp"
+#include "trajectory/trajectory_model.hpp"
 
 namespace unlidar {
 namespace {

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/maths.hpp"
-#include "trajectory/ceres_minimum.hpp"
 
 namespace unlidar {
 

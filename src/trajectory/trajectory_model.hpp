@@ -3,18 +3,52 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <vector>
 
 #include "trajectory/banded.hpp"
 #include "trajectory/spline_model.hpp"
 #include "trajectory/spline_solver.hpp"
 #include "trajectory/trajectory.hpp"
-#include "trajectory/truncated_loss.hpp"
 
 namespace unlidar {
 
 // Mahalanobis distance (3-D) beyond which a measurement is likelier an outlier.
 constexpr double kOutlierSigmas = 4.5;
+
+// Robust loss of a measurement, for the banded solver and for Ceres: the smooth truncated square of
+// graduated non-convexity (Yang, Antonante, Tzoumas and Carlone, 2020, eq. 13 and 14 with mu = 1)
+// of a squared residual s, with c^2 = squared_limit:
+//   rho(s) = s                           up to c^2 / 2,
+//            2 sqrt(2 c^2 s) - c^2 - s   up to 2 c^2,
+//            c^2                         beyond.
+// It is concave: rho'(s) is the weight of a measurement in reweighted least squares.
+struct TruncatedLoss {
+  double squared_limit;
+
+  double Value(double s) const {
+    if (IsInlier(s)) return s;
+    if (IsOutlier(s)) return squared_limit;
+    return 2.0 * std::sqrt(2.0 * squared_limit * s) - squared_limit - s;
+  }
+
+  // rho'
+  double Weight(double s) const {
+    if (IsInlier(s)) return 1.0;
+    if (IsOutlier(s)) return 0.0;
+    return std::sqrt(2.0 * squared_limit / s) - 1.0;
+  }
+
+  // rho''
+  double Curvature(double s) const {
+    if (IsInlier(s) || IsOutlier(s)) return 0.0;
+    return -0.5 * std::sqrt(2.0 * squared_limit / s) / s;
+  }
+
+ private:
+  bool IsInlier(double s) const { return s <= 0.5 * squared_limit; }
+  bool IsOutlier(double s) const { return s >= 2.0 * squared_limit; }
+};
 
 struct SplineFit {
   std::vector<Eigen::Vector3d> control_points_m;
@@ -57,6 +91,15 @@ MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales, 
 // Sets weights and inverse to those of the control points, which must be at the robust minimum.
 void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
                   SplineFit& fit);
+
+// Moves control points to the minimum (method.md (15)) of
+//   1/2 (sum rho(|r_i|^2) + k^2 / sigma_a^2 sum |r_j|^2 + sum |r_l|^2)
+// over the residuals of the measurements i, the smoothness j and the start l of a model, the same
+// minimum as Descend(), with Ceres' trust region: for the trajectories of recordings. Runs on one
+// thread, so that results are reproducible bit by bit. Throws std::bad_alloc.
+MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& scales,
+                              const TruncatedLoss& loss, int max_iterations,
+                              std::vector<Eigen::Vector3d>& control_points_m);
 
 // Posterior means of the scales at the tau of the model, and the evidence for that tau, at given
 // weights and constant agility. The mean of sigma_a, because with few measurements its mode is near

@@ -108,10 +108,9 @@ struct GatedFrame {
 
 std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& frame,
                                    const StationModel& station, const std::vector<char>& excluded,
-                                   const Trajectory& trajectory,
-                                   const DwellIntervals& dwell_intervals,
-                                   const TrajectoryRow& expected, double returns_per_frame,
-                                   const BodySigmas& body, TimeNs max_gap_ns) {
+                                   const Trajectory& trajectory, const TrajectoryRow& expected,
+                                   double returns_per_frame, const BodySigmas& body,
+                                   TimeNs max_gap_ns) {
   const TimeNs middle_ns = expected.time_ns;
   const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                             StreakM2(frame, expected.velocity_mps) +
@@ -137,8 +136,8 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
     // The target's own dwell is left out of the clutter rate there.
-    auto [from_ns, to_ns] = dwell_intervals.Around(
-        time_ns, place_m, kDwellRadius.At(RayM(station, frame, place_m).norm()));
+    auto [from_ns, to_ns] = DwellAround(trajectory, time_ns, place_m,
+                                        kDwellRadius.At(RayM(station, frame, place_m).norm()));
     const BinRange dwell = station.bins->BinsTouching(from_ns, to_ns);
     const double rate = station.occupancy->RateOutside(recording.points_m[i] - station.viewpoint_m,
                                                        dwell.first, dwell.last);
@@ -226,7 +225,6 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
         round == 0 ? FitTrajectory(target.measurements, trajectory_config)
                    : RefitTrajectory(target.measurements, scales, trajectory_config);
     scales = trajectory.scales;
-    const DwellIntervals dwell_intervals(trajectory);
     const Visibility visibility(recording, station_models, trajectory, target.returns);
     std::vector<SensorMeasurement> sensor_measurements;
     BodySpread spread(config.extent_sigma_m);
@@ -250,8 +248,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
           frame.sensor, middle_ns, RayM(station, frame, expected.position_m));
       gated_frames.push_back(
           {&frame, expected, facing_m,
-           GateReturns(recording, frame, station, excluded, trajectory, dwell_intervals, expected,
-                       returns_per_frame, body, NsOf(robust.tracker.max_gap_s))});
+           GateReturns(recording, frame, station, excluded, trajectory, expected, returns_per_frame,
+                       body, NsOf(robust.tracker.max_gap_s))});
     }
     std::optional<Spots> spots;
     if (robust.Uses(Rule::kSpots))

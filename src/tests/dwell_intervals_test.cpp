@@ -65,7 +65,6 @@ TEST(DwellIntervals, IsThatOfAWalkAlongTheTrajectory) {
       times_s.push_back(times_s.back() + (random.Index(20) == 0 ? 4.0 : 0.1));
     }
     const Trajectory trajectory = Fit(times_s, position_m, &random, config);
-    const DwellIntervals dwell_intervals(trajectory);
     for (int query = 0; query < 60; ++query) {
       const double time_s = random.Uniform(-3.0, times_s.back() + 3.0);
       const TimeNs time_ns = kBeginNs + std::llround(time_s * 1e9);
@@ -73,7 +72,7 @@ TEST(DwellIntervals, IsThatOfAWalkAlongTheTrajectory) {
       const Eigen::Vector3d place_m =
           trajectory.At(time_ns).position_m + random.NormalVector(0.4 * reach_m);
       const auto expected = Walk(trajectory, time_ns, place_m, reach_m);
-      ASSERT_EQ(dwell_intervals.Around(time_ns, place_m, reach_m), expected)
+      ASSERT_EQ(DwellAround(trajectory, time_ns, place_m, reach_m), expected)
           << trial << ' ' << time_s;
       num_stays += expected.second - expected.first > 2'000'000'000 ? 1 : 0;
     }
@@ -89,11 +88,10 @@ TEST(DwellIntervals, TakesLittleTimeHoweverLongTheStay) {
   for (int i = 0; i < testing::Draws(2'000); ++i) times_s.push_back(5.0 * i);
   const Trajectory trajectory = Fit(
       times_s, [](double t) { return Eigen::Vector3d(9.0, std::sin(t / 60.0), 9.0); }, &random);
-  const DwellIntervals dwell_intervals(trajectory);
   const std::clock_t begin = std::clock();
   for (int query = 0; query < testing::Draws(5'000); ++query) {
-    const auto [from, to] = dwell_intervals.Around(kBeginNs + query * TimeNs{2'000'000'000},
-                                                   Eigen::Vector3d(9.0, 0.0, 9.0), 3.0);
+    const auto [from, to] = DwellAround(trajectory, kBeginNs + query * TimeNs{2'000'000'000},
+                                        Eigen::Vector3d(9.0, 0.0, 9.0), 3.0);
     ASSERT_LE(from, trajectory.begin_ns());
     ASSERT_GE(to, trajectory.end_ns());
   }

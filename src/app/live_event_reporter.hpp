@@ -12,7 +12,7 @@
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
 #include "app/service_notify.hpp"
-#include "io/livox_sync.hpp"
+#include "io/livox_time.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {

@@ -15,7 +15,7 @@
 #include "app/returns_view.hpp"
 #include "app/row_times.hpp"
 #include "app/signals.hpp"
-#include "io/livox_sync.hpp"
+#include "io/livox_time.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {

@@ -11,7 +11,6 @@
 
 #include "io/arrival.hpp"
 #include "io/livox_packets.hpp"
-#include "io/livox_sync.hpp"
 #include "io/livox_time.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/types.hpp"

@@ -1,4 +1,5 @@
-// Time of one Livox sensor from the stamps of its packets.
+// Time of one Livox sensor from the stamps of its packets, and its synchronisation by what they
+// say.
 #pragma once
 
 #include <cstdint>
@@ -82,6 +83,35 @@ class LivoxTime {
   std::int64_t followed_ = 0;  // frame of the last update of power_on_
   std::optional<TimeNs> last_astray_ns_;
   std::size_t astray_in_a_row_ = 0;
+};
+
+// Time synchronisation of a sensor.
+enum class SyncState { kSynchronised, kLost, kUnsynchronised };  // kUnsynchronised: never was
+
+const char* SyncStateName(SyncState state);
+
+// A second in which most packets count from power-on ends the synchronisation, ten in a row in
+// which most do not begin it: one that comes and goes is lost, and says so once in eleven seconds
+// at most; a minority of packets, also of forged ones, tells nothing.
+class LivoxSync {
+ public:
+  // Takes the clock and the time of a packet that is not astray.
+  void Take(LivoxClock clock, TimeNs time_ns);
+
+  // Empty before the first packet.
+  std::optional<SyncState> state() const { return state_; }
+
+  std::uint64_t losses() const { return losses_; }
+
+ private:
+  void Judge(bool is_synchronised);
+
+  std::optional<SyncState> state_;
+  std::uint64_t losses_ = 0;
+  std::optional<TimeNs> begin_ns_;  // of the present second, and its packets so far
+  std::uint64_t synchronised_ = 0;
+  std::uint64_t free_ = 0;
+  int synchronised_in_a_row_ = 0;  // seconds
 };
 
 }  // namespace unlidar

@@ -1,8 +1,8 @@
-#include "io/livox_sync.hpp"
-
 #include <gtest/gtest.h>
 
 #include <random>
+
+#include "io/livox_time.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,18 +1,21 @@
 #include "app/live.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "app/capture_files.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
-#include "app/live_status.hpp"
 #include "app/output.hpp"
 #include "app/service_notify.hpp"
 #include "app/signals.hpp"
@@ -30,6 +33,15 @@ namespace {
 
 // Interval of the checks for silent sensors and for room on a full disk.
 constexpr std::chrono::milliseconds kPollInterval(250);
+constexpr std::chrono::seconds kStatusInterval(1);
+
+std::size_t ResidentBytes() {
+  std::size_t pages = 0;
+  std::ifstream statm("/proc/self/statm");
+  statm.ignore(std::numeric_limits<std::streamsize>::max(), ' ');  // size of the address space
+  statm >> pages;
+  return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+}
 
 // Limit for holding the rows of a track until it is a drone: the length of the scene memory.
 TimeNs HoldNs(const LiveConfig& live) {
@@ -62,7 +74,7 @@ class LiveRun {
         captures_(captures),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
-        status_files_(arguments, note),
+        note_(note),
         trace_(TraceOutputOf(arguments, signals_, note)),
         intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
     output_.LeaveOutBirds(arguments.max_bird_probability(), HoldNs(config.live));
@@ -99,6 +111,8 @@ class LiveRun {
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
   // After a restart, the last window before the last row is read again, so that the scene is known
   // where the rows continue.
   std::optional<TimeNs> ResumeAfter() {
@@ -144,16 +158,28 @@ class LiveRun {
     WriteStatus(true);
   }
 
+  // Replaces --state and --metrics if they are due, or at the end. A disk that is full must not end
+  // the run: the first failure of several in a row is a note.
   void WriteStatus(bool is_end) {
-    status_files_.WriteIfDue(is_end, [this] {
-      LiveStatus status;
-      status.state = reporter_.state();
-      status.newest_ns = intake_.newest_ns();
-      status.one_in = reporter_.one_in();
-      status.summary = Summary();
-      status.tracks = output_.CurrentTracks();
-      return status;
-    });
+    if (arguments_.state.empty() && arguments_.metrics.empty()) return;
+    const auto now = Clock::now();
+    if (!is_end && status_written_ && now - *status_written_ < kStatusInterval) return;
+    status_written_ = now;
+    const TimeNs now_ns = NsSinceEpoch(std::chrono::system_clock::now());
+    const LiveStatus status = {
+        reporter_.state(),  is_end,          now_ns,    intake_.newest_ns(),
+        reporter_.one_in(), ResidentBytes(), Summary(), output_.CurrentTracks()};
+    std::vector<OutputFile> files;
+    if (!arguments_.state.empty()) files.push_back({arguments_.state, Content(StateJson(status))});
+    if (!arguments_.metrics.empty()) {
+      files.push_back({arguments_.metrics, Content(MetricsText(status))});
+    }
+    try {
+      WriteFiles(files);
+      has_status_failed_ = false;
+    } catch (const OutputError& error) {
+      if (!std::exchange(has_status_failed_, true)) note_(error.what());
+    }
   }
 
   const Arguments& arguments_;
@@ -163,10 +189,12 @@ class LiveRun {
   ServiceNotifier service_;
   LiveOutput output_;
   LiveEventReporter reporter_;
-  LiveStatusFiles status_files_;
+  const NoteCallback& note_;
   std::optional<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;
+  std::optional<Clock::time_point> status_written_;
+  bool has_status_failed_ = false;
 };
 
 void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "app/live_status.hpp"
 #include "app/output.hpp"
 #include "app/version.hpp"
 #include "config/config.hpp"

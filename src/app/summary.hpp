@@ -1,6 +1,8 @@
-// Counts of a run, and its --summary as JSON: version, effective config, inputs, counts, tracks.
+// Counts of a run, and what is told of them: --summary as JSON (version, effective config, inputs,
+// counts, tracks), and of a live run --state and --metrics.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -45,6 +47,18 @@ struct LiveSummary {
   std::vector<Warning> warnings;
 };
 
+// Present state of a live run, for those who watch it.
+struct LiveStatus {
+  LiveState state = LiveState::kWarmingUp;
+  bool has_ended = false;
+  TimeNs written_ns = 0;     // Unix time of this computer
+  TimeNs newest_ns = 0;      // stamp; 0 before the first frame
+  std::uint64_t one_in = 1;  // frames processed: all, or under overload one in so many
+  std::size_t memory_bytes = 0;
+  LiveSummary summary;
+  std::vector<CurrentTrack> tracks;  // that have begun and not ended
+};
+
 // Behind the number of frames that were gone, or whose stamp was no new one.
 inline constexpr const char* kVanishedText = " removed before it could be read";
 inline constexpr const char* kPassedOverText = " passed over: the stamp had come before";
@@ -63,5 +77,11 @@ std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& c
 
 std::string LiveSummaryJson(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,
                             const Config& config);
+
+// JSON of one object: docs/schemas/state.schema.json.
+std::string StateJson(const LiveStatus& status);
+
+// Prometheus' text format, version 0.0.4.
+std::string MetricsText(const LiveStatus& status);
 
 }  // namespace unlidar

@@ -1,30 +1,13 @@
-#include "app/live_status.hpp"
-
-#include <unistd.h>
-
-#include <fstream>
-#include <limits>
+// --metrics of a live run.
 #include <string_view>
-#include <utility>
 
 #include "app/output.hpp"
+#include "app/summary.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
-#include "io/arrival.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
-
-constexpr std::chrono::seconds kInterval(1);
-
-std::size_t ResidentBytes() {
-  std::size_t pages = 0;
-  std::ifstream statm("/proc/self/statm");
-  statm.ignore(std::numeric_limits<std::streamsize>::max(), ' ');  // size of the address space
-  statm >> pages;
-  return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
-}
 
 // The value of a label is escaped as JSON text is.
 std::string Label(const char* name, const std::string& value) {
@@ -172,28 +155,6 @@ std::string MetricsText(const LiveStatus& status) {
   AddTracks(status, metrics);
   AddLoad(status, metrics);
   return metrics.text();
-}
-
-void LiveStatusFiles::WriteIfDue(bool is_end, const std::function<LiveStatus()>& status) {
-  if (arguments_.state.empty() && arguments_.metrics.empty()) return;
-  const Clock::time_point now = Clock::now();
-  if (!is_end && written_ && now - *written_ < kInterval) return;
-  written_ = now;
-  LiveStatus present = status();
-  present.has_ended = is_end;
-  present.written_ns = NsSinceEpoch(std::chrono::system_clock::now());
-  present.memory_bytes = ResidentBytes();
-  std::vector<OutputFile> files;
-  if (!arguments_.state.empty()) files.push_back({arguments_.state, Content(StateJson(present))});
-  if (!arguments_.metrics.empty()) {
-    files.push_back({arguments_.metrics, Content(MetricsText(present))});
-  }
-  try {
-    WriteFiles(files);
-    has_failed_ = false;
-  } catch (const OutputError& error) {
-    if (!std::exchange(has_failed_, true)) note_(error.what());
-  }
 }
 
 }  // namespace unlidar

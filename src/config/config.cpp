@@ -11,7 +11,6 @@
 #include <string_view>
 
 #include "base/format.hpp"
-#include "config/config_consistency.hpp"
 #include "config/config_keys.hpp"
 #include "config/config_values.hpp"
 #include "config/former_keys.hpp"

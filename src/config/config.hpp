@@ -1,6 +1,7 @@
-// Config functions for the command line and the summary.
+// Config functions for the command line, the summary and each other.
 #pragma once
 
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -13,6 +14,10 @@ namespace unlidar {
 // Throws ConfigError if a named source has no entry in `sensors` while an entry there has no
 // source: with one name misspelt, the other sensor's pose would silently be ignored.
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
+
+// Checks the constraints between keys, and between keys and what is linked. `locations`: source
+// locations of values by key for messages, as far as known. Throws ConfigError.
+void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations);
 
 struct ConfigEntry {
   std::string key;  // dotted: "input.max_range_m"

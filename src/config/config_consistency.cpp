@@ -1,9 +1,9 @@
-#include "config/config_consistency.hpp"
-
+// Constraints between keys, and between keys and what is linked.
 #include <cstddef>
 #include <vector>
 
 #include "base/format.hpp"
+#include "config/config.hpp"
 #include "config/config_values.hpp"
 #include "io/pose_file.hpp"
 #include "paper/clustering.hpp"

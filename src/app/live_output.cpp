@@ -14,7 +14,7 @@ namespace unlidar {
 namespace {
 
 constexpr int kKindDigits = 4;
-constexpr int kRowCommas = 11;
+constexpr std::size_t kRowValues = 12;
 constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // exact as a JSON number
 
 void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d& vector,
@@ -224,12 +224,12 @@ void LiveOutput::CheckIsLater(TimeNs time_ns) {
 }
 
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
-  const std::size_t comma = std::min(line.find(','), line.size());
-  const std::optional<TimeNs> time_ns = StampInRange(line.substr(0, comma));
-  const std::string_view rest = line.substr(std::min(comma + 1, line.size()));
-  const auto id = ParseNumber<std::int64_t>(rest.substr(0, rest.find(',')));
-  if (!time_ns || !id || *id < 0 || *id > kMaxTrackId ||
-      std::count(line.begin(), line.end(), ',') != kRowCommas) {
+  std::vector<std::string_view> values = Split(line, ',');
+  const bool is_whole = values.size() == kRowValues;
+  values.resize(kRowValues);
+  const std::optional<TimeNs> time_ns = StampInRange(values[0]);
+  const auto id = ParseNumber<std::int64_t>(values[1]);
+  if (!is_whole || !time_ns || !id || *id < 0 || *id > kMaxTrackId) {
     constexpr std::size_t kMaxShown = 60;
     throw OutputError(path_ + ":" + std::to_string(number) + ": '" +
                       std::string(line.substr(0, kMaxShown)) +

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 namespace unlidar {
 
@@ -25,6 +26,9 @@ std::optional<Number> ParseNumber(std::string_view text) {
   if (error != std::errc() || parsed_to != end) return std::nullopt;
   return value;
 }
+
+// Returns the parts of a text between the separators, which may be empty.
+std::vector<std::string_view> Split(std::string_view text, char separator);
 
 // Returns the shortest text that parses back to the same value.
 std::string ShortestText(double value);

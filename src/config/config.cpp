@@ -315,15 +315,11 @@ nlohmann::ordered_json ConfigJson(const Config& config) {
   auto root = nlohmann::ordered_json::object();
   for (const ConfigEntry& entry : ListConfig(config)) {
     nlohmann::ordered_json* node = &root;
-    std::size_t begin = 0;
-    for (std::size_t dot = entry.key.find('.'); dot != std::string::npos;
-         dot = entry.key.find('.', begin)) {
+    for (const std::string_view name : Split(entry.key, '.')) {
       // A null that operator[] makes an object is no sound one where memory ends.
-      node = &*node->emplace(entry.key.substr(begin, dot - begin), nlohmann::ordered_json::object())
-                   .first;
-      begin = dot + 1;
+      node = &*node->emplace(std::string(name), nlohmann::ordered_json::object()).first;
     }
-    (*node)[entry.key.substr(begin)] = entry.value;
+    *node = entry.value;
   }
   return root;
 }

@@ -12,16 +12,6 @@ namespace {
 constexpr std::string_view kKeyword = "frame ";
 constexpr const char* kExpectedLine = "expected a line 'frame NAME STAMP LENGTH'";
 
-std::vector<std::string_view> Words(std::string_view line) {
-  std::vector<std::string_view> words;
-  while (true) {
-    const std::size_t space = line.find(' ');
-    words.push_back(line.substr(0, space));
-    if (space == std::string_view::npos) return words;
-    line.remove_prefix(space + 1);
-  }
-}
-
 }  // namespace
 
 void FrameMessageReader::Append(std::string_view bytes) {
@@ -71,7 +61,7 @@ bool FrameMessageReader::ReadHeader() {
 }
 
 FrameMessageReader::MessageHeader FrameMessageReader::ParseHeader(std::string_view line) {
-  const std::vector<std::string_view> words = Words(line);
+  const std::vector<std::string_view> words = Split(line, ' ');
   if (words.size() != 4) {
     Fail("has the line " + Quoted(line) + ", " + kExpectedLine + " with one space between two");
   }

@@ -67,6 +67,17 @@ std::string_view Trimmed(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kBlanks) + 1 - begin);
 }
 
+std::vector<std::string_view> ValuesOf(std::string_view line) {
+  std::vector<std::string_view> values;
+  std::size_t begin = line.find_first_not_of(kBlanks);
+  while (begin != std::string_view::npos) {
+    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
+    values.push_back(line.substr(begin, end - begin));
+    begin = line.find_first_not_of(kBlanks, end);
+  }
+  return values;
+}
+
 LineReader::LineReader(const std::string& path, const InputKind& kind)
     : path_(path), file_(path, kind), buffer_(kMaxLineBytes + 1) {}
 

@@ -47,6 +47,9 @@ inline constexpr std::string_view kBlanks = " \t\r";
 // Returns the text without leading and trailing blanks.
 std::string_view Trimmed(std::string_view text);
 
+// Returns the values of a line, between blanks.
+std::vector<std::string_view> ValuesOf(std::string_view line);
+
 // Reads a file of any length line by line, in bounded memory.
 class LineReader {
  public:

@@ -3,7 +3,9 @@
 #include <arpa/inet.h>
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 #include "base/format.hpp"
 #include "io/input_limits.hpp"
@@ -23,15 +25,13 @@ std::string NameOf(std::uint32_t source, const LivoxPacket& packet) {
 // True for the four numbers of an address and, of a LiDAR at a hub, two more, as NameOf() writes
 // them.
 bool IsLivoxName(const std::string& name) {
-  int numbers = 0;
-  for (std::size_t begin = 0; begin <= name.size(); ++numbers) {
-    const std::size_t end = std::min(name.find('-', begin), name.size());
-    const std::string text = name.substr(begin, end - begin);
+  const std::vector<std::string_view> numbers = Split(name, '-');
+  const auto is_number = [](std::string_view text) {
     const auto value = ParseNumber<std::uint8_t>(text);
-    if (!value || std::to_string(*value) != text) return false;
-    begin = end + 1;
-  }
-  return numbers == 4 || numbers == 6;
+    return value && std::to_string(*value) == text;
+  };
+  return (numbers.size() == 4 || numbers.size() == 6) &&
+         std::all_of(numbers.begin(), numbers.end(), is_number);
 }
 
 }  // namespace

@@ -24,17 +24,6 @@ constexpr std::array<std::string_view, 10> kEntries = {"VERSION", "FIELDS",   "C
                                                        "TYPE",    "COUNT",    "WIDTH",   "HEIGHT",
                                                        "POINTS",  "VIEWPOINT"};
 
-Tokens Split(std::string_view line) {
-  Tokens tokens;
-  std::size_t begin = line.find_first_not_of(kBlanks);
-  while (begin != std::string_view::npos) {
-    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
-    tokens.push_back(line.substr(begin, end - begin));
-    begin = line.find_first_not_of(kBlanks, end);
-  }
-  return tokens;
-}
-
 std::string Lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](char c) {
     return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
@@ -101,7 +90,7 @@ class HeaderParser {
            ", expected VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS or "
            "DATA");
     }
-    return Split(line);
+    return ValuesOf(line);
   }
 
   // Returns null for an entry that the header does not have.

@@ -20,33 +20,24 @@ constexpr double kMaxNormError = 0.01;  // of numbers with three or more digits
 constexpr std::size_t kNumFields = 8;
 constexpr const char* kExpected = "expected `stamp x y z qx qy qz qw`";
 
-// Takes the next field off the text; empty at its end.
-std::string_view TakeField(std::string_view* text) {
-  *text = Trimmed(*text);
-  const std::string_view field = text->substr(0, text->find_first_of(kBlanks));
-  text->remove_prefix(field.size());
-  return field;
-}
-
+// `line`: without blanks at its ends, not empty.
 Pose ParsePose(std::string_view line, const std::string& where) {
-  const std::string_view whole = line;
-  const std::string_view stamp_text = TakeField(&line);
-  const std::optional<TimeNs> stamp_ns = ParseStamp(stamp_text);
-  if (!stamp_ns) throw InputError(where + Quoted(stamp_text) + " is no stamp, " + kExpected);
+  const auto fail = [&](std::string_view what, const char* problem) {
+    throw InputError(where + Quoted(what) + problem + ", " + kExpected);
+  };
+  const std::vector<std::string_view> fields = ValuesOf(line);
+  const std::optional<TimeNs> stamp_ns = ParseStamp(fields.front());
+  if (!stamp_ns) fail(fields.front(), " is no stamp");
   std::array<double, kNumFields - 1> values{};
-  for (double& value : values) {
-    const std::string_view field = TakeField(&line);
-    const std::optional<double> number = ParseNumber<double>(field);
-    if (!number || !std::isfinite(*number)) {
-      throw InputError(
-          where +
-          (field.empty() ? Quoted(whole) + " has fewer values" : Quoted(field) + " is no number") +
-          ", " + kExpected);
-    }
-    value = *number;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (i + 1 == fields.size()) fail(line, " has fewer values");
+    const std::optional<double> number = ParseNumber<double>(fields[i + 1]);
+    if (!number || !std::isfinite(*number)) fail(fields[i + 1], " is no number");
+    values[i] = *number;
   }
-  if (!Trimmed(line).empty()) {
-    throw InputError(where + Quoted(Trimmed(line)) + " is too much, " + kExpected);
+  if (fields.size() > kNumFields) {
+    fail(line.substr(static_cast<std::size_t>(fields[kNumFields].data() - line.data())),
+         " is too much");
   }
   return {
       *stamp_ns, {values[0], values[1], values[2]}, {values[3], values[4], values[5], values[6]}};

@@ -28,20 +28,11 @@ constexpr std::int64_t kNanohertzPerHz = 1'000'000'000;
 constexpr std::int64_t kMaxRateHz = 1'000'000;
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
-// Returns a field of a comma-separated line; empty if there are fewer columns.
-std::string_view Field(std::string_view line, std::size_t column) {
-  for (; column > 0; --column) {
-    const std::size_t comma = line.find(',');
-    if (comma == std::string_view::npos) return {};
-    line.remove_prefix(comma + 1);
-  }
-  return Trimmed(line.substr(0, line.find(',')));
-}
-
+// Returns the column `timestamp` of a CSV with this header, if it has one.
 std::optional<std::size_t> TimestampColumn(std::string_view header) {
-  const auto columns = static_cast<std::size_t>(std::count(header.begin(), header.end(), ',')) + 1;
-  for (std::size_t column = 0; column < columns; ++column) {
-    if (Field(header, column) == "timestamp") return column;
+  const std::vector<std::string_view> names = Split(header, ',');
+  for (std::size_t column = 0; column < names.size(); ++column) {
+    if (Trimmed(names[column]) == "timestamp") return column;
   }
   return std::nullopt;
 }
@@ -137,7 +128,11 @@ std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole) {
       column = TimestampColumn(line);
       if (column) continue;
     }
-    const std::string_view field = column ? Field(line, *column) : line;
+    std::string_view field = line;
+    if (column) {
+      const std::vector<std::string_view> fields = Split(line, ',');
+      field = *column < fields.size() ? Trimmed(fields[*column]) : std::string_view();
+    }
     const std::optional<TimeNs> stamp = ParseStamp(field);
     if (!stamp) {
       throw InputError(path + ":" + std::to_string(lines.number()) + ": " + Quoted(field) +

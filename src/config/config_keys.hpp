@@ -12,13 +12,11 @@ namespace unlidar {
 
 // Constraints of a value.
 struct Flag {};  // true or false
-struct Range {   // finite numbers between low and high
+struct Range {   // finite numbers between low and high,
   double low;
   double high;
   bool low_is_allowed = true;
-};
-struct RangeOrEndless {  // the same, or infinity (.inf in YAML)
-  Range finite;
+  bool may_be_endless = false;  // infinity, too (.inf in YAML)
 };
 struct Elements {  // a list of one or more numbers, each in the range
   Range each;
@@ -161,8 +159,8 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                              {"acceleration_time", MotionRule::kAccelerationTime}}}});
 
   auto& live = config.live;
-  visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});
-  visit("live.window_s", live.window_s, RangeOrEndless{{1, 86400}});
+  visit("live.delay_s", live.delay_s, Range{0, 600, false, true});
+  visit("live.window_s", live.window_s, Range{1, 86400, true, true});
   visit("live.reorder_s", live.reorder_s, Range{0, 60});
   visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
   visit("live.silent_s", live.silent_s, Range{0, 3600, false});

@@ -37,14 +37,11 @@ std::string NumberText(double value) {
 
 std::string Interval(const Range& range) {
   return (range.low_is_allowed ? " from " : " above ") + NumberText(range.low) + " to " +
-         NumberText(range.high);
+         NumberText(range.high) +
+         (range.may_be_endless ? std::string(", or ") + kInfinityText : "");
 }
 
 std::string Expected(const bool&, Flag) { return "true or false"; }
-
-std::string Expected(const double& field, const RangeOrEndless& constraint) {
-  return Expected(field, constraint.finite) + ", or " + kInfinityText;
-}
 
 std::string Expected(const std::vector<double>&, const Elements& constraint) {
   return "a list of one or more numbers, each" + Interval(constraint.each);
@@ -62,12 +59,10 @@ std::string Expected(const Eigen::Vector4d&, UnitQuaternion) {
 bool Holds(bool, Flag) { return true; }
 
 bool Holds(double field, const Range& constraint) {
+  const bool is_endless = field == std::numeric_limits<double>::infinity();
+  if (is_endless && constraint.may_be_endless) return true;
   return field >= constraint.low && field <= constraint.high &&
          (constraint.low_is_allowed || field != constraint.low);
-}
-
-bool Holds(double field, const RangeOrEndless& constraint) {
-  return field == std::numeric_limits<double>::infinity() || Holds(field, constraint.finite);
 }
 
 bool Holds(const std::vector<double>& field, const Elements& constraint) {

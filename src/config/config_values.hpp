@@ -30,12 +30,11 @@ std::string NumberText(double value);
 
 // Describes the constraint of a key, to follow "expected" in a message.
 std::string Expected(const bool& field, Flag constraint);
-std::string Expected(const double& field, const RangeOrEndless& constraint);
 std::string Expected(const std::vector<double>& field, const Elements& constraint);
 std::string Expected(const Eigen::Vector3d& field, const Vector3& constraint);
 std::string Expected(const Eigen::Vector4d& field, UnitQuaternion constraint);
 
-// Returns " from 0 to 10" or " above 0 to 10".
+// Returns " from 0 to 10", or " above 0 to 10, or .inf".
 std::string Interval(const Range& range);
 
 template <class Number>
@@ -65,7 +64,6 @@ std::string Expected(const std::vector<E>&, const Subset<E>& constraint) {
 
 // True if a value satisfies its constraint.
 bool Holds(bool field, Flag constraint);
-bool Holds(double field, const RangeOrEndless& constraint);
 bool Holds(double field, const Range& constraint);  // integers, too
 bool Holds(const std::vector<double>& field, const Elements& constraint);
 bool Holds(const Eigen::Vector3d& field, const Vector3& constraint);

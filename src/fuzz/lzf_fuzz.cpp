@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "fuzz/fuzz.hpp"
-#include "io/lzf.hpp"
+#include "io/pcd_format.hpp"
 
 namespace unlidar::fuzz {
 namespace {

@@ -4,6 +4,8 @@
 #include <boost/crc.hpp>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
+#include <ctime>
 #include <string>
 
 #include "base/format.hpp"
@@ -26,14 +28,10 @@ constexpr double kRadPerHundredthDegree = 3.14159265358979323846 / 18000.0;
 // Reads a little-endian number; the payload must be long enough.
 template <class Number>
 Number Get(std::string_view bytes, std::size_t at) {
-  using Unsigned = std::make_unsigned_t<Number>;
-  Unsigned value = 0;
-  for (std::size_t i = 0; i < sizeof(Number); ++i) {
-    value = static_cast<Unsigned>(
-        value | static_cast<Unsigned>(
-                    static_cast<Unsigned>(static_cast<std::uint8_t>(bytes[at + i])) << (8 * i)));
-  }
-  return static_cast<Number>(value);
+  static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__);
+  Number value{};
+  std::memcpy(&value, bytes.data() + at, sizeof(value));
+  return value;
 }
 
 enum class Coordinates { kMillimetres, kCentimetres, kSpherical, kSharedAngles, kAccelerations };
@@ -171,16 +169,6 @@ TimeNs Stamp(std::uint64_t ns) {
   return static_cast<TimeNs>(ns);
 }
 
-// Returns the days from 1970 to a Gregorian date in 2000 to 2095, where every fourth year is a leap
-// year.
-std::int64_t DaysSince1970(int years_since_2000, int month, int day) {
-  constexpr int kDaysTo2000 = 10957;
-  constexpr int kDaysBefore[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334};
-  const bool is_leap = years_since_2000 % 4 == 0;
-  return kDaysTo2000 + 365 * years_since_2000 + (years_since_2000 + 3) / 4 +
-         kDaysBefore[month - 1] + (is_leap && month > 2 ? 1 : 0) + day - 1;
-}
-
 // Reads year since 2000, month, day, hour, and microseconds of the hour.
 TimeNs UtcStamp(std::string_view payload, std::size_t at) {
   const auto byte = [&](std::size_t i) { return Get<std::uint8_t>(payload, at + i); };
@@ -189,8 +177,12 @@ TimeNs UtcStamp(std::string_view payload, std::size_t at) {
       us >= 3'600'000'000U) {
     Fail("has a date that is none, expected year, month, day, hour and microseconds");
   }
-  const std::int64_t hours = 24 * DaysSince1970(byte(0), byte(1), byte(2)) + byte(3);
-  return hours * 3600 * kNsPerSecond + std::int64_t{us} * 1000;
+  std::tm hour{};
+  hour.tm_year = 100 + byte(0);
+  hour.tm_mon = byte(1) - 1;
+  hour.tm_mday = byte(2);
+  hour.tm_hour = byte(3);
+  return std::int64_t{::timegm(&hour)} * kNsPerSecond + std::int64_t{us} * 1000;
 }
 
 LivoxPacket Parse1(std::string_view payload) {
@@ -200,17 +192,10 @@ LivoxPacket Parse1(std::string_view payload) {
   packet.slot = Get<std::uint8_t>(payload, 1);
   packet.lidar = Get<std::uint8_t>(payload, 2);
   const auto time_type = Get<std::uint8_t>(payload, 8);
-  switch (time_type) {
-    case 0:
-    case 1:
-      packet.stamp_ns = Stamp(Get<std::uint64_t>(payload, 10));
-      break;
-    case 3:
-      packet.stamp_ns = UtcStamp(payload, 10);
-      break;
-    default:  // pulses alone carry no time
-      Fail("has the time type " + std::to_string(time_type) + ", expected 0, 1 or 3");
+  if (time_type != 0 && time_type != 1 && time_type != 3) {  // pulses alone carry no time
+    Fail("has the time type " + std::to_string(time_type) + ", expected 0, 1 or 3");
   }
+  packet.stamp_ns = time_type == 3 ? UtcStamp(payload, 10) : Stamp(Get<std::uint64_t>(payload, 10));
   packet.clock = time_type == 0 ? LivoxClock::kPowerOn : LivoxClock::kSynchronised;
   constexpr std::uint8_t kSurelyNoise = 1;
   ReadPoints(layout, payload.substr(kHeaderBytes1), kSurelyNoise, packet);

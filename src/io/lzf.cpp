@@ -1,6 +1,6 @@
-#include "io/lzf.hpp"
-
 #include <cstring>
+
+#include "io/pcd_format.hpp"
 
 namespace unlidar {
 

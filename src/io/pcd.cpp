@@ -7,7 +7,6 @@
 #include <memory>
 
 #include "io/input_file.hpp"
-#include "io/lzf.hpp"
 #include "io/pcd_format.hpp"
 #include "unlidar/error.hpp"
 
@@ -159,31 +158,20 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
 // sizes after it; for text, the end of the file.
 std::uint64_t BytesNeeded(const PcdHeader& header, std::string_view bytes,
                           std::uint64_t file_bytes) {
-  switch (header.encoding) {
-    case PcdEncoding::kBinary:
-      return header.body_begin + header.num_points * header.row_bytes;
-    case PcdEncoding::kBinaryCompressed: {
-      if (bytes.size() < header.body_begin + kCompressedPrefix) return bytes.size();
-      std::uint32_t compressed_size = 0;
-      std::memcpy(&compressed_size, bytes.data() + header.body_begin, 4);
-      return header.body_begin + kCompressedPrefix + compressed_size;
-    }
-    case PcdEncoding::kAscii:
-      break;
+  if (header.encoding == PcdEncoding::kAscii) return file_bytes;
+  if (header.encoding == PcdEncoding::kBinary) {
+    return header.body_begin + header.num_points * header.row_bytes;
   }
-  return file_bytes;
+  if (bytes.size() < header.body_begin + kCompressedPrefix) return bytes.size();
+  std::uint32_t compressed_size = 0;
+  std::memcpy(&compressed_size, bytes.data() + header.body_begin, 4);
+  return header.body_begin + kCompressedPrefix + compressed_size;
 }
 
 PcdCloud ParseBody(std::string_view bytes, const PcdHeader& header, const std::string& name) {
-  switch (header.encoding) {
-    case PcdEncoding::kBinary:
-      return ParseBinary(bytes.substr(header.body_begin), header, name);
-    case PcdEncoding::kBinaryCompressed:
-      return ParseCompressed(bytes.substr(header.body_begin), header, name);
-    case PcdEncoding::kAscii:
-      break;
-  }
-  return ParsePcdAscii(bytes, header, name);
+  if (header.encoding == PcdEncoding::kAscii) return ParsePcdAscii(bytes, header, name);
+  const auto parse = header.encoding == PcdEncoding::kBinary ? ParseBinary : ParseCompressed;
+  return parse(bytes.substr(header.body_begin), header, name);
 }
 
 }  // namespace

@@ -14,6 +14,9 @@ namespace unlidar {
 enum class PcdEncoding { kAscii, kBinary, kBinaryCompressed };
 enum class PcdType { kI8, kU8, kI16, kU16, kI32, kU32, kI64, kU64, kF32, kF64 };
 
+inline bool IsFloating(PcdType type) { return type == PcdType::kF32 || type == PcdType::kF64; }
+std::size_t SizeBytes(PcdType type);
+
 struct PcdField {
   std::string name;
   PcdType type = PcdType::kF32;
@@ -21,7 +24,7 @@ struct PcdField {
   std::uint64_t byte_offset = 0;   // of the first value, in a row of binary data
   std::uint64_t value_offset = 0;  // the same in values, for ascii
 
-  std::uint64_t size_bytes() const;  // of all its values
+  std::uint64_t size_bytes() const { return count * SizeBytes(type); }  // of all its values
   bool is_padding() const { return name == "_"; }
 };
 
@@ -46,14 +49,19 @@ struct PcdHeader {
   std::size_t time = kNoField;
 };
 
-bool IsFloating(PcdType type);
-std::size_t SizeBytes(PcdType type);
-
 // Returns a header that is consistent in itself; the body remains to be checked. Throws InputError.
 PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name);
 
 // Reads header.num_points lines of text, each with header.row_values values.
 PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const std::string& name);
+
+// Largest expansion of an LZF stream, as in binary_compressed files: three bytes make at most 264.
+inline constexpr std::size_t kLzfMaxExpansion = 88;
+
+// Returns true if the stream, in the LZF format of LibLZF, is valid and fills the output to its
+// last byte. Never accesses memory outside the two ranges, whatever the stream contains.
+bool LzfDecompress(const std::uint8_t* in, std::size_t in_size, std::uint8_t* out,
+                   std::size_t out_size);
 
 // Returns a cloud of header.num_points points, with times if the header has them; z is 0 if it has
 // no z, all other values are to be filled in.

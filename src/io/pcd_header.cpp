@@ -239,14 +239,10 @@ class HeaderParser {
 
 }  // namespace
 
-bool IsFloating(PcdType type) { return type == PcdType::kF32 || type == PcdType::kF64; }
-
 std::size_t SizeBytes(PcdType type) {
   constexpr std::array<std::size_t, 10> kSizes = {1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
   return kSizes[static_cast<std::size_t>(type)];
 }
-
-std::uint64_t PcdField::size_bytes() const { return count * SizeBytes(type); }
 
 PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name) {
   return HeaderParser(bytes, name).Parse();

@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "io/lzf.hpp"
 #include "io/pcd.hpp"
+#include "io/pcd_format.hpp"
 #include "tests/pcd_oracle.hpp"
 #include "tests/pcd_writer.hpp"
 #include "unlidar/error.hpp"

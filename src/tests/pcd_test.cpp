@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include "io/lzf.hpp"
+#include "io/pcd_format.hpp"
 #include "tests/pcd_oracle.hpp"
 #include "tests/pcd_writer.hpp"
 #include "tests/temporary_folder.hpp"

@@ -2,13 +2,18 @@
 
 #include <array>
 #include <charconv>
+#include <limits>
 #include <utility>
+#include <variant>
 
 #include "api/recording_events.hpp"
+#include "api/track_collector.hpp"
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/stamp.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/error.hpp"
+#include "unlidar/track_recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -21,7 +26,7 @@ struct Checked {
     throw UsageError("rate: " + std::to_string(rate.nanohertz) +
                      " nHz, expected above 0 to 1e15 (1 MHz)");
   }
-  OutputTimes operator()(std::vector<TimeNs> list) const { return InOrder(std::move(list)); }
+  OutputTimes operator()(std::vector<TimeNs> list) const { return SortedUnique(std::move(list)); }
 };
 
 }  // namespace
@@ -86,5 +91,18 @@ std::uint64_t Engine::late_frames() const { return live_->late_frames(); }
 std::uint64_t Engine::astray_frames() const { return live_->astray_frames().count; }
 
 std::uint64_t Engine::overflow_frames() const { return live_->overflow_frames().count; }
+
+std::vector<Track> TrackRecording(const Config& config, const std::vector<std::string>& sensors,
+                                  std::vector<Frame> frames, const OutputTimes& output_times) {
+  Config endless = config;
+  endless.live.delay_s = std::numeric_limits<double>::infinity();
+  std::vector<Track> tracks;
+  Engine engine(
+      endless, sensors,
+      [&](const EngineEvent& event) { std::visit(TrackCollector{tracks}, event); }, output_times);
+  for (Frame& frame : frames) engine.Add(std::move(frame));
+  engine.Close();
+  return tracks;
+}
 
 }  // namespace unlidar

@@ -18,8 +18,6 @@ PacketRecorder::PacketRecorder(CaptureFiles& files, const LivoxEndpoint& receive
         Run();
       }) {}
 
-PacketRecorder::~PacketRecorder() { Stop(); }
-
 void PacketRecorder::Add(const Datagram& datagram) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (waiting_.size() >= kMaxWaitingBytes) {

@@ -24,7 +24,7 @@ class PacketRecorder {
  public:
   // `files`, which must outlive it, is its own until Stop().
   PacketRecorder(CaptureFiles& files, const LivoxEndpoint& receiver);
-  ~PacketRecorder();
+  ~PacketRecorder() { Stop(); }
   PacketRecorder(const PacketRecorder&) = delete;
   PacketRecorder& operator=(const PacketRecorder&) = delete;
 

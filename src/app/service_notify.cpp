@@ -50,10 +50,6 @@ void ServiceNotifier::SendHeartbeat() {
   if (feeding_ && now - fed_ >= *feeding_ && Send("WATCHDOG=1")) fed_ = now;
 }
 
-void ServiceNotifier::ReportStatus(const std::string& status) const { Send("STATUS=" + status); }
-
-void ServiceNotifier::ReportStopping() const { Send("STOPPING=1"); }
-
 bool ServiceNotifier::Send(const std::string& message) const {
   if (socket_.get() < 0) return false;
   sockaddr_un to{};

@@ -22,10 +22,10 @@ class ServiceNotifier {
   void SendHeartbeat();
 
   // A line for people, in `systemctl status`.
-  void ReportStatus(const std::string& status) const;
+  void ReportStatus(const std::string& status) const { Send("STATUS=" + status); }
 
   // The service is about to end, by itself or by a signal.
-  void ReportStopping() const;
+  void ReportStopping() const { Send("STOPPING=1"); }
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -43,9 +43,6 @@ Json SplineJson(const MinimumReport& minimum) {
           {"termination", minimum.termination}};
 }
 
-// Stamps of what is now need no nanoseconds.
-double SecondsOf(TimeNs time_ns) { return static_cast<double>(time_ns) * kSecondsPerNs; }
-
 Json WarningsJson(const std::vector<Warning>& warnings) {
   Json list = Json::array();
   for (const Warning& warning : warnings) {
@@ -63,8 +60,7 @@ Json InputsJson(const std::vector<FrameSource>& sources, const PipelineResult& r
     inputs.push_back({{"name", sources[i].name},
                       {"directory", sources[i].directory},
                       {"frames", frames},
-                      {"frame_period_s",
-                       static_cast<double>(recording.sensors[i].frame_period_ns) * kSecondsPerNs},
+                      {"frame_period_s", SecondsOf(recording.sensors[i].frame_period_ns)},
                       {"blinded_s", result.blinded_s[i]},
                       {"sway_deg", result.sway_deg[i]}});
   }
@@ -113,7 +109,7 @@ Json FlightJson(const FlightStatistics& flight) {
 }
 
 Json TrackJson(const FittedTrack& track) {
-  const double duration_s = static_cast<double>(track.end_ns - track.begin_ns) * kSecondsPerNs;
+  const double duration_s = SecondsOf(track.end_ns - track.begin_ns);
   // Stamps as text: a JSON number is a double to most readers and would lose nanoseconds.
   return {
       {"track_id", track.id},

@@ -19,6 +19,14 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
   values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
 }
 
+// Returns the values in ascending order, without duplicates.
+template <class T>
+std::vector<T> SortedUnique(std::vector<T> values) {
+  std::sort(values.begin(), values.end());
+  values.erase(std::unique(values.begin(), values.end()), values.end());
+  return values;
+}
+
 // Returns the value that sorting would put at `begin` + n. Reorders the values.
 template <class Iterator>
 auto NthSmallest(Iterator begin, Iterator end, std::ptrdiff_t n) {

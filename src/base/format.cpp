@@ -65,8 +65,6 @@ std::string Shortened(std::string_view text, std::size_t max_bytes) {
   return shown;
 }
 
-std::string Quoted(std::string_view text) { return "'" + Shortened(text) + "'"; }
-
 std::string Count(std::size_t count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
 }

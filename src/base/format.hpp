@@ -38,7 +38,7 @@ std::string ShortestText(double value);
 std::string Shortened(std::string_view text, std::size_t max_bytes = 80);
 
 // Same as Shortened(), in single quotes.
-std::string Quoted(std::string_view text);
+inline std::string Quoted(std::string_view text) { return "'" + Shortened(text) + "'"; }
 
 // Returns a count with its noun: "1 frame", "2 frames".
 std::string Count(std::size_t count, const std::string& noun);

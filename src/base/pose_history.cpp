@@ -1,12 +1,8 @@
 #include "base/pose_history.hpp"
 
 #include <algorithm>
-#include <utility>
 
 namespace unlidar {
-
-PoseHistory::PoseHistory(std::shared_ptr<const std::vector<Pose>> poses)
-    : poses_(std::move(poses)) {}
 
 std::optional<Eigen::Isometry3d> PoseHistory::At(TimeNs time_ns) {
   const std::vector<Pose>& poses = *poses_;

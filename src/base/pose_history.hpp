@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "unlidar/types.hpp"
@@ -25,7 +26,7 @@ inline constexpr TimeNs kMaxPoseGapNs = 1'000'000'000;
 class PoseHistory {
  public:
   // `poses`: at least two, in order of time.
-  explicit PoseHistory(std::shared_ptr<const std::vector<Pose>> poses);
+  explicit PoseHistory(std::shared_ptr<const std::vector<Pose>> poses) : poses_(std::move(poses)) {}
 
   // Returns the transform from the carrier to the world; empty before the first pose, after the
   // last one, and between two that are farther apart than kMaxPoseGapNs.

@@ -23,6 +23,10 @@ inline TimeNs NsOf(double seconds) {
   return std::llround(seconds * static_cast<double>(kNsPerSecond));
 }
 
+inline double SecondsOf(TimeNs duration_ns) {
+  return static_cast<double>(duration_ns) * kSecondsPerNs;
+}
+
 // LiDARs emit 5 to 20 frames per second. Those that lie farther apart may be every n-th of what was
 // measured, and last less than until the next.
 inline constexpr double kLongestFrameS = 0.2;
@@ -66,38 +70,27 @@ struct Recording {
   std::vector<Warning> warnings;        // about the meaning of frame names and coordinates
 };
 
-// Non-owning view of consecutive points; valid until their owner changes or frees them.
-class PointsView {
+// Non-owning view of consecutive values; valid until their owner changes or frees them.
+template <class T>
+class View {
  public:
-  PointsView(const Eigen::Vector3f* points_m, std::size_t size)
-      : points_m_(points_m), size_(size) {}
-  PointsView(const std::vector<Eigen::Vector3f>& points_m)  // NOLINT(google-explicit-constructor)
-      : PointsView(points_m.data(), points_m.size()) {}
+  View(const T* begin, std::size_t size) : begin_(begin), size_(size) {}
+  View(const T* begin, const T* end) : View(begin, static_cast<std::size_t>(end - begin)) {}
+  View(const std::vector<T>& values)  // NOLINT(google-explicit-constructor)
+      : View(values.data(), values.size()) {}
 
+  const T* begin() const { return begin_; }
+  const T* end() const { return begin_ + size_; }
   std::size_t size() const { return size_; }
-  const Eigen::Vector3f& operator[](std::size_t i) const { return points_m_[i]; }
+  const T& front() const { return *begin_; }
+  const T& operator[](std::size_t i) const { return begin_[i]; }
 
  private:
-  const Eigen::Vector3f* points_m_;
+  const T* begin_;
   std::size_t size_;
 };
-
-// Non-owning view of indices; valid until their owner changes or frees them.
-class IndexView {
- public:
-  IndexView(const std::uint32_t* begin, const std::uint32_t* end) : begin_(begin), end_(end) {}
-  IndexView(const std::vector<std::uint32_t>& indices)  // NOLINT(google-explicit-constructor)
-      : IndexView(indices.data(), indices.data() + indices.size()) {}
-
-  const std::uint32_t* begin() const { return begin_; }
-  const std::uint32_t* end() const { return end_; }
-  std::size_t size() const { return static_cast<std::size_t>(end_ - begin_); }
-  std::uint32_t front() const { return *begin_; }
-
- private:
-  const std::uint32_t* begin_;
-  const std::uint32_t* end_;
-};
+using PointsView = View<Eigen::Vector3f>;
+using IndexView = View<std::uint32_t>;
 
 // Returns the shortest frame period of all sensors; the largest TimeNs if none has one.
 inline TimeNs ShortestPeriodNs(const Recording& recording) {

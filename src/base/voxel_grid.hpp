@@ -49,12 +49,6 @@ inline VoxelKey VoxelOf(const Eigen::Vector3f& point_m, double voxel_size_m) {
   return KeyOf(VoxelAt(point_m, voxel_size_m));
 }
 
-inline VoxelSet UniqueVoxels(std::vector<VoxelKey> keys) {
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
-  return keys;
-}
-
 // Returns V, the volume of the occupied voxels.
 inline double VoxelVolumeM3(std::size_t voxels, double voxel_size_m) {
   return static_cast<double>(voxels) * voxel_size_m * voxel_size_m * voxel_size_m;

@@ -42,7 +42,7 @@ Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ra
 
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
   if (frame.is_timed) return Eigen::Matrix3d::Zero();
-  return StreakM2(static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs, velocity_mps);
+  return StreakM2(SecondsOf(frame.end_ns - frame.begin_ns), velocity_mps);
 }
 
 Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps) {
@@ -67,8 +67,7 @@ void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
   const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
   const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();
   for (const std::uint32_t i : returns) {
-    const double elapsed_s =
-        static_cast<double>(recording.times_ns[i] - expected.time_ns) * kSecondsPerNs;
+    const double elapsed_s = SecondsOf(recording.times_ns[i] - expected.time_ns);
     const Eigen::Vector3d offset_m = recording.points_m[i].cast<double>() - expected.position_m -
                                      elapsed_s * expected.velocity_mps;
     sums_m2_ += weight * ((axes.transpose() * offset_m).array().square() - streak_m2);

@@ -107,7 +107,7 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   Tally centred;  // own returns, about their mean
   Eigen::Vector3d own_sum_m = Eigen::Vector3d::Zero();
   for (const ReturnCluster& cluster : clusters) {
-    const double later_s = static_cast<double>(cluster.time_ns - at.time_ns) * kSecondsPerNs;
+    const double later_s = SecondsOf(cluster.time_ns - at.time_ns);
     const Eigen::Vector3d offset_m = cluster.position_m - at.position_m - later_s * at.velocity_mps;
     const double distance_m = offset_m.norm();
     if (cluster.is_own || distance_m < kNearM) {
@@ -171,7 +171,7 @@ Shape::Thirds Shape::ThirdsOfOwn() const {
       own_.begin(), own_.end(),
       [](const OwnFrame& a, const OwnFrame& b) { return a.time_ns < b.time_ns; });
   const TimeNs third_ns = (last->time_ns - first->time_ns) / 3;
-  thirds.observed_s = static_cast<double>(last->time_ns - first->time_ns) * kSecondsPerNs;
+  thirds.observed_s = SecondsOf(last->time_ns - first->time_ns);
   for (const OwnFrame& frame : own_) {
     const bool is_early = frame.time_ns - first->time_ns <= third_ns;
     const bool is_late = last->time_ns - frame.time_ns <= third_ns;

@@ -9,7 +9,7 @@
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"
-#include "trajectory/target.hpp"
+#include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 

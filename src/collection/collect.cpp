@@ -118,8 +118,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
   const Eigen::Matrix3d information = s.inverse();
   const double log_peak =
       std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
-  const double half_frame_s =
-      0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  const double half_frame_s = 0.5 * SecondsOf(frame.end_ns - frame.begin_ns);
   const auto reach_m = static_cast<float>(kGate * std::sqrt(s.trace()) +
                                           expected.velocity_mps.norm() * half_frame_s);
   const Eigen::Vector3f centre = expected.position_m.cast<float>();
@@ -130,8 +129,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
     // With point times the return belongs to another point of the trajectory.
     const TimeNs time_ns = recording.times_ns[i];
     const Eigen::Vector3d e =
-        d.cast<double>() -
-        expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
+        d.cast<double>() - expected.velocity_mps * SecondsOf(time_ns - middle_ns);
     const double distance2 = e.dot(information * e);
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();

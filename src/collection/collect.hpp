@@ -6,7 +6,7 @@
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
-#include "trajectory/target.hpp"
+#include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -23,8 +23,8 @@ TimeNs CertainNs(const Trajectory& trajectory, TimeNs at_ns, int direction,
     return trajectory.origin_ns + NsOf(trajectory.knots_s[static_cast<std::size_t>(knot)]);
   };
   // Interval i has the control points i to i + 3, and lies between the knots i + 3 and i + 4.
-  const std::ptrdiff_t interval = IntervalAt(
-      trajectory.knots_s, static_cast<double>(at_ns - trajectory.origin_ns) * kSecondsPerNs);
+  const std::ptrdiff_t interval =
+      IntervalAt(trajectory.knots_s, SecondsOf(at_ns - trajectory.origin_ns));
   const bool is_outside =
       direction < 0 ? at_ns > time_of_knot(interval + 4) : at_ns < time_of_knot(interval + 3);
   if (is_outside) return 0;  // beyond the last interval, or before the first

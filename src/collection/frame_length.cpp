@@ -10,8 +10,6 @@ constexpr double kRevolutionS = 0.1;
 
 }  // namespace
 
-bool FrameLength::IsAmbiguous(double length_s) { return length_s > kLongestFrameS; }
-
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
   if (!IsAmbiguous(streak.length_s)) return;
   // The stamp lies at the same fraction of the frame for either duration.
@@ -33,9 +31,8 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
                 const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
                 const Eigen::Vector3d& velocity_mps) {
   Streak streak;
-  streak.length_s = static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-  streak.stamp_s =
-      static_cast<double>(frame.stamp_ns - frame.begin_ns) * kSecondsPerNs - 0.5 * streak.length_s;
+  streak.length_s = SecondsOf(frame.end_ns - frame.begin_ns);
+  streak.stamp_s = SecondsOf(frame.stamp_ns - frame.begin_ns) - 0.5 * streak.length_s;
   streak.num_returns = static_cast<double>(returns.size());
   streak.velocity_mps = velocity_mps;
   Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
@@ -49,7 +46,5 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
   streak.ray_m = mean_m - viewpoint_m;
   return streak;
 }
-
-double FrameLength::TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }
 
 }  // namespace unlidar

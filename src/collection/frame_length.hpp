@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -31,13 +32,13 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
 class FrameLength {
  public:
   // True if the duration is ambiguous: intervals of up to 0.2 s are a normal frame.
-  static bool IsAmbiguous(double length_s);
+  static bool IsAmbiguous(double length_s) { return length_s > kLongestFrameS; }
 
   void Add(const Streak& streak, const BodySigmas& body);
 
   // Expected time of the returns after the middle of the frame, given the streaks so far. Zero for
   // frames with point times or at the frame rate of a LiDAR.
-  double TimeBiasS() const;
+  double TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }
 
  private:
   double log_short_ = 0.0;    // log likelihood ratio: frame lasts one revolution

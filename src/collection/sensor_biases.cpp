@@ -89,9 +89,9 @@ std::vector<SensorBias> EstimateSensorBiases(
     while (k < sensor_measurements.size() && sensor_measurements[k].sensor != main_sensor) ++k;
     if (before == nullptr || k == sensor_measurements.size()) continue;
     const Measurement& after = sensor_measurements[k].measurement;
-    const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;
+    const double pause_s = SecondsOf(after.time_ns - before->time_ns);
     if (pause_s > kSensorOverlapS || pause_s <= 0.0) continue;
-    const double share = static_cast<double>(m.time_ns - before->time_ns) * kSecondsPerNs / pause_s;
+    const double share = SecondsOf(m.time_ns - before->time_ns) / pause_s;
     const Eigen::Vector3d reference = (1.0 - share) * before->position_m + share * after.position_m;
     const double variance =
         (m.covariance_m2 + (1.0 - share) * before->covariance_m2 + share * after.covariance_m2)

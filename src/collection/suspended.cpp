@@ -64,13 +64,12 @@ bool DriftsBeyondNoise(const std::vector<Measurement>& measurements) {
   const Eigen::Vector3d mean_m = MeanOf(measurements);
   const double range_m = MinRangeM(measurements, mean_m);
   const TimeNs begin_ns = measurements.front().time_ns;
-  const double duration_s =
-      static_cast<double>(measurements.back().time_ns - begin_ns) * kSecondsPerNs;
+  const double duration_s = SecondsOf(measurements.back().time_ns - begin_ns);
   if (duration_s <= 0.0) return false;
   const double num_blocks = std::max(2.0, std::floor(duration_s / kSwingPeriodS));
   std::vector<TimeBlock> blocks(static_cast<std::size_t>(num_blocks));
   const auto block_of = [&](const Measurement& m) -> TimeBlock& {
-    const double share = static_cast<double>(m.time_ns - begin_ns) * kSecondsPerNs / duration_s;
+    const double share = SecondsOf(m.time_ns - begin_ns) / duration_s;
     return blocks[static_cast<std::size_t>(std::min(share * num_blocks, num_blocks - 1.0))];
   };
   for (const Measurement& m : measurements) {
@@ -100,9 +99,7 @@ bool DriftsBeyondNoise(const std::vector<Measurement>& measurements) {
 bool MovesStraight(const std::vector<Measurement>& measurements) {
   const Eigen::Vector3d mean_m = MeanOf(measurements);
   const TimeNs begin_ns = measurements.front().time_ns;
-  const auto seconds = [&](const Measurement& m) {
-    return static_cast<double>(m.time_ns - begin_ns) * kSecondsPerNs;
-  };
+  const auto seconds = [&](const Measurement& m) { return SecondsOf(m.time_ns - begin_ns); };
   const double duration_s = seconds(measurements.back());
   if (duration_s < kSwingPeriodS) return false;
   double mean_s = 0.0;
@@ -122,10 +119,6 @@ bool MovesStraight(const std::vector<Measurement>& measurements) {
   const double min_displacement_m = kMinDisplacement.At(MinRangeM(measurements, mean_m));
   return 2.0 * duration_s * velocity_mps.norm() > min_displacement_m &&
          velocity_mps.dot(product_m_s) > kStraightShare * square_m2;
-}
-
-bool MayBeSuspended(const std::vector<Measurement>& measurements) {
-  return IsStaticFar(measurements) && !DriftsBeyondNoise(measurements);
 }
 
 }  // namespace unlidar

@@ -23,6 +23,8 @@ bool DriftsBeyondNoise(const std::vector<Measurement>& measurements);
 bool MovesStraight(const std::vector<Measurement>& measurements);
 
 // IsStaticFar() and not DriftsBeyondNoise().
-bool MayBeSuspended(const std::vector<Measurement>& measurements);
+inline bool MayBeSuspended(const std::vector<Measurement>& measurements) {
+  return IsStaticFar(measurements) && !DriftsBeyondNoise(measurements);
+}
 
 }  // namespace unlidar

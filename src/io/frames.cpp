@@ -197,7 +197,7 @@ const FrameClock& FrameReader::first_clock() const { return sources_.front()->cl
 void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
   const SourceReader& first = *sources_.front();
   const auto seconds_of = [](const SourceReader& source) {
-    return static_cast<double>(source.last_stamp_ns() - source.first_stamp_ns()) * kSecondsPerNs;
+    return SecondsOf(source.last_stamp_ns() - source.first_stamp_ns());
   };
   for (const auto& other : sources_) {
     const std::string names = first.info().name + " and " + other->info().name + ": ";

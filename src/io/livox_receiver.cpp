@@ -72,8 +72,6 @@ LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
   thread_ = std::thread([this] { Receive(); });
 }
 
-LivoxReceiver::~LivoxReceiver() { Stop(); }
-
 std::string LivoxReceiver::name() const {
   return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
 }

@@ -47,7 +47,7 @@ class LivoxReceiver {
  public:
   // Throws InputError if the address is not of this computer or the port is in use.
   explicit LivoxReceiver(LivoxEndpoint endpoint);
-  ~LivoxReceiver();
+  ~LivoxReceiver() { Stop(); }
   LivoxReceiver(const LivoxReceiver&) = delete;
   LivoxReceiver& operator=(const LivoxReceiver&) = delete;
 

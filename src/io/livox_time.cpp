@@ -67,8 +67,6 @@ std::optional<LivoxTime::Reading> LivoxTime::Take(const LivoxPacket& packet, con
   return Restart(counts_from_power_on ? stamp_ns + zero_ns : time_ns, lag_ns);
 }
 
-bool LivoxTime::IsNear(TimeNs time_ns) const { return std::abs(time_ns - now_ns_) <= kMaxStepNs; }
-
 bool LivoxTime::IsRunConfirmed(TimeNs time_ns) {
   const bool agrees = last_astray_ns_ && std::abs(time_ns - *last_astray_ns_) <= kMaxStepNs;
   astray_in_a_row_ = agrees ? astray_in_a_row_ + 1 : 1;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstdlib>
 #include <deque>
 #include <optional>
 
@@ -71,7 +72,7 @@ class LivoxTime {
     TimeNs lag_ns = 0;  // this computer's clock minus its stamp
   };
 
-  bool IsNear(TimeNs time_ns) const;
+  bool IsNear(TimeNs time_ns) const { return std::abs(time_ns - now_ns_) <= kMaxStepNs; }
   bool IsRunConfirmed(TimeNs time_ns);
   Reading Restart(TimeNs time_ns, TimeNs lag_ns);
   void Remember(const Taken& taken);

@@ -195,7 +195,7 @@ void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
   info.end_ns = info.begin_ns + length_ns;
   MakeRoomFor(frame.points_m.size(), &frame.times_ns);
   if (frame.cloud.time_kind == PcdTimeKind::kNone) {
-    const bool is_short = static_cast<double>(length_ns) * kSecondsPerNs <= kLongestFrameS;
+    const bool is_short = SecondsOf(length_ns) <= kLongestFrameS;
     info.is_timed = is_short && SetTimesOfTurn(frame.points_m, sensor_, info.begin_ns, info.end_ns,
                                                &frame.times_ns);
     if (!info.is_timed) frame.times_ns.assign(frame.points_m.size(), info.middle_ns());

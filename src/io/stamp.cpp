@@ -1,9 +1,9 @@
 #include "io/stamp.hpp"
 
-#include <algorithm>
 #include <limits>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/input_file.hpp"
 #include "unlidar/error.hpp"
@@ -145,13 +145,7 @@ std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole) {
     }
   }
   if (stamps.empty()) throw InputError(path + ": no stamp in it, expected one a line");
-  return InOrder(std::move(stamps));
-}
-
-std::vector<TimeNs> InOrder(std::vector<TimeNs> instants) {
-  std::sort(instants.begin(), instants.end());
-  instants.erase(std::unique(instants.begin(), instants.end()), instants.end());
-  return instants;
+  return SortedUnique(std::move(stamps));
 }
 
 }  // namespace unlidar

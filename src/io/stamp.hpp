@@ -34,7 +34,4 @@ Rate ParseRate(std::string_view text);
 // pipe may be endless. `are_whole`: set to true if all are written without a point or an exponent.
 std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole = nullptr);
 
-// Sorts in ascending order and removes duplicates.
-std::vector<TimeNs> InOrder(std::vector<TimeNs> instants);
-
 }  // namespace unlidar

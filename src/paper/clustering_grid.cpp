@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "base/algorithms.hpp"
 #include "base/disjoint_sets.hpp"
 #include "paper/clustering_engines.hpp"
 
@@ -64,9 +65,7 @@ void NumberCells(const std::vector<Eigen::Vector3f>& points_m, Eigen::Index axis
     }
     return;
   }
-  std::vector<double> distinct = quotients;
-  std::sort(distinct.begin(), distinct.end());
-  distinct.erase(std::unique(distinct.begin(), distinct.end()), distinct.end());
+  const std::vector<double> distinct = SortedUnique(quotients);
   std::vector<std::uint32_t> numbers(distinct.size(), kBorderCells);
   for (std::size_t i = 1; i < distinct.size(); ++i) {
     const double gap = std::min(distinct[i] - distinct[i - 1], kReach + 1.0);

@@ -103,16 +103,13 @@ Clusters FindClusters(const Recording& recording, const PaperConfig& config) {
   return clusters;
 }
 
-Eigen::Vector3d Centroid(const Recording& recording, const std::uint32_t* begin,
-                         const std::uint32_t* end) {
+Eigen::Vector3d Centroid(const Recording& recording, const IndexView& returns) {
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  for (const std::uint32_t* i = begin; i != end; ++i) {
-    sum_m += recording.points_m[*i].cast<double>();
-  }
-  return sum_m / static_cast<double>(end - begin);
+  for (const std::uint32_t i : returns) sum_m += recording.points_m[i].cast<double>();
+  return sum_m / static_cast<double>(returns.size());
 }
 
-// Calls visit(frame, begin, end) for the returns of each frame in turn.
+// Calls visit(frame, returns) for the returns of each frame in turn.
 template <typename Visit>
 void VisitFrames(const std::vector<std::uint32_t>& returns,
                  const std::vector<std::uint32_t>& frame_of, Visit visit) {
@@ -120,7 +117,7 @@ void VisitFrames(const std::vector<std::uint32_t>& returns,
     const std::uint32_t frame = frame_of[returns[begin]];
     std::size_t end = begin + 1;
     while (end < returns.size() && frame_of[returns[end]] == frame) ++end;
-    visit(frame, returns.data() + begin, returns.data() + end);
+    visit(frame, IndexView(returns.data() + begin, end - begin));
     begin = end;
   }
 }
@@ -131,7 +128,7 @@ VoxelSet Voxels(const Recording& recording, const std::vector<std::uint32_t>& re
   keys.reserve(returns.size());
   for (const std::uint32_t i : returns)
     keys.push_back(VoxelOf(recording.points_m[i], voxel_size_m));
-  return UniqueVoxels(std::move(keys));
+  return SortedUnique(std::move(keys));
 }
 
 // Sets the position, extent and time span of a cluster.
@@ -141,15 +138,13 @@ void Describe(const Recording& recording, const Clusters& clusters, const Global
   Eigen::AlignedBox3d box_m;
   for (const std::uint32_t i : cluster.returns) box_m.extend(recording.points_m[i].cast<double>());
   score.extent_m = box_m.sizes();
-  score.centroid_m =
-      Centroid(recording, cluster.returns.data(), cluster.returns.data() + cluster.returns.size());
+  score.centroid_m = Centroid(recording, cluster.returns);
   score.first_ns = recording.frames[clusters.frame_of[cluster.returns.front()]].stamp_ns;
   score.last_ns = recording.frames[clusters.frame_of[cluster.returns.back()]].stamp_ns;
   std::vector<Eigen::Vector3d> centroids_m;
-  VisitFrames(cluster.returns, clusters.frame_of,
-              [&](std::uint32_t, const std::uint32_t* begin, const std::uint32_t* end) {
-                centroids_m.push_back(Centroid(recording, begin, end));
-              });
+  VisitFrames(cluster.returns, clusters.frame_of, [&](std::uint32_t, const IndexView& returns) {
+    centroids_m.push_back(Centroid(recording, returns));
+  });
   score.frames = static_cast<int>(centroids_m.size());
   score.von_neumann_ratio = VonNeumannRatio(centroids_m);
 }
@@ -220,23 +215,22 @@ Target MakeTarget(const Recording& recording, const PaperConfig& config, const C
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
   for (const LocalCluster& local : cluster.locals) {
     target.returns.insert(target.returns.end(), local.returns.begin(), local.returns.end());
-    VisitFrames(local.returns, clusters.frame_of,
-                [&](std::uint32_t frame, const std::uint32_t* begin, const std::uint32_t* end) {
-                  Measurement measurement;
-                  measurement.support = static_cast<int>(end - begin);
-                  measurement.position_m = Centroid(recording, begin, end);
-                  const TimeNs reference_ns = recording.frames[frame].stamp_ns;
-                  double offset_ns = 0.0;
-                  for (const std::uint32_t* i = begin; i != end; ++i) {
-                    offset_ns += static_cast<double>(recording.times_ns[*i] - reference_ns);
-                    const Eigen::Vector3d residual_m =
-                        recording.points_m[*i].cast<double>() - measurement.position_m;
-                    scatter_m2 += residual_m * residual_m.transpose();
-                  }
-                  measurement.time_ns =
-                      reference_ns + std::llround(offset_ns / measurement.support);
-                  target.measurements.push_back(measurement);
-                });
+    VisitFrames(
+        local.returns, clusters.frame_of, [&](std::uint32_t frame, const IndexView& returns) {
+          Measurement measurement;
+          measurement.support = static_cast<int>(returns.size());
+          measurement.position_m = Centroid(recording, returns);
+          const TimeNs reference_ns = recording.frames[frame].stamp_ns;
+          double offset_ns = 0.0;
+          for (const std::uint32_t i : returns) {
+            offset_ns += static_cast<double>(recording.times_ns[i] - reference_ns);
+            const Eigen::Vector3d residual_m =
+                recording.points_m[i].cast<double>() - measurement.position_m;
+            scatter_m2 += residual_m * residual_m.transpose();
+          }
+          measurement.time_ns = reference_ns + std::llround(offset_ns / measurement.support);
+          target.measurements.push_back(measurement);
+        });
   }
   const auto freedom =
       static_cast<double>(target.returns.size()) - static_cast<double>(target.measurements.size());
@@ -260,15 +254,9 @@ double Density(std::size_t returns, double volume_m3) {
 }
 
 double RelativeDensity(double local_per_m3, double merged_per_m3, DensityReading reading) {
-  switch (reading) {
-    case DensityReading::kMergedOverFrame:
-      return merged_per_m3 / local_per_m3;
-    case DensityReading::kRelativeDifference:
-      return std::abs(local_per_m3 - merged_per_m3) / merged_per_m3;
-    case DensityReading::kFrameOverMerged:
-      break;
-  }
-  return local_per_m3 / merged_per_m3;
+  if (reading == DensityReading::kFrameOverMerged) return local_per_m3 / merged_per_m3;
+  if (reading == DensityReading::kMergedOverFrame) return merged_per_m3 / local_per_m3;
+  return std::abs(local_per_m3 - merged_per_m3) / merged_per_m3;
 }
 
 double DensitySummand(double relative_density, DensityTerm term) {
@@ -278,16 +266,9 @@ double DensitySummand(double relative_density, DensityTerm term) {
 }
 
 double IouSummand(double iou, IouTerm term, double min_iou) {
+  if (term == IouTerm::kComplement) return 1.0 - iou;
   const double floored = std::max(iou, min_iou);
-  switch (term) {
-    case IouTerm::kInverse:
-      return 1.0 / floored;
-    case IouTerm::kComplement:
-      return 1.0 - iou;
-    case IouTerm::kLogarithm:
-      break;
-  }
-  return -std::log(floored);
+  return term == IouTerm::kLogarithm ? -std::log(floored) : 1.0 / floored;
 }
 
 double Accumulate(const std::vector<double>& summands, Accumulation accumulation) {

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "trajectory/target.hpp"
+#include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -3,6 +3,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <utility>
@@ -117,20 +119,9 @@ class WholeRecording {
 };
 
 const char* PythonClassOf(const Error& error) {
-  switch (error.code()) {
-    case ExitCode::kUsage:
-      return "UsageError";
-    case ExitCode::kConfig:
-      return "ConfigError";
-    case ExitCode::kInput:
-      return "InputError";
-    case ExitCode::kOutput:
-      return "OutputError";
-    case ExitCode::kDone:
-    case ExitCode::kInternal:
-      break;
-  }
-  return "UnlidarError";
+  constexpr std::array kNames = {"UnlidarError", "UnlidarError", "UsageError",  // by exit code
+                                 "ConfigError",  "InputError",   "OutputError"};
+  return kNames[static_cast<std::size_t>(error.code())];
 }
 
 // NOLINTNEXTLINE(performance-unnecessary-value-param): of the type that pybind11 takes

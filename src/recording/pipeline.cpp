@@ -25,25 +25,17 @@ class StageTimer {
   StageTimer(const ProgressCallback& progress, std::vector<StageTime>& times)
       : progress_(progress), times_(times) {}
 
-  // Ends the stage that began at the end of the previous one.
-  void End(const std::string& stage, const std::string& found) {
-    const auto now = Clock::now();
-    Record(stage, found, now - begin_);
-    begin_ = now;
-  }
-
-  // Same for a stage interleaved with the next one, with its total time.
-  void End(const std::string& stage, const std::string& found, Clock::duration taken) {
-    Record(stage, found, taken);
+  // Ends the stage that began at the end of the previous one. `interleaved`: its total time, if it
+  // is interleaved with the next one.
+  void End(const std::string& stage, const std::string& found,
+           std::optional<Clock::duration> interleaved = std::nullopt) {
+    const Clock::duration taken = interleaved.value_or(Clock::now() - begin_);
     begin_ += taken;
-  }
-
- private:
-  void Record(const std::string& stage, const std::string& found, Clock::duration taken) {
     times_.push_back({stage, std::chrono::duration<double>(taken).count()});
     progress_(times_.back(), found);
   }
 
+ private:
   const ProgressCallback& progress_;
   std::vector<StageTime>& times_;
   Clock::time_point begin_ = Clock::now();
@@ -63,8 +55,7 @@ ReturnStatistics DescribeReturns(const Recording& recording, const Target& targe
   for (const Measurement& m : target.measurements) {
     statistics.echo_m2_per_s += m.support * (m.position_m - m.viewpoint_m).squaredNorm();
   }
-  statistics.echo_m2_per_s /=
-      std::max(static_cast<double>(trajectory.duration_ns) * kSecondsPerNs, 1e-3);
+  statistics.echo_m2_per_s /= std::max(SecondsOf(trajectory.duration_ns), 1e-3);
   double sum_m2 = 0.0;
   const Eigen::Vector3d viewpoint_m = target.measurements.front().viewpoint_m;
   for (const std::uint32_t i : target.returns) {

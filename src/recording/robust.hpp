@@ -18,7 +18,7 @@
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/tracker.hpp"
-#include "trajectory/target.hpp"
+#include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -252,7 +252,7 @@ RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
                                   const TrajectoryConfig& trajectory_config, const TraceSink& trace,
                                   Recording* recording) {
-  const double duration_s = static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs;
+  const double duration_s = SecondsOf(last_stamp_ns - first_stamp_ns);
   const double num_windows = std::max(1.0, std::ceil(duration_s / config.window_s));
   const TimeNs window_ns = NsOf(duration_s / num_windows) + 1;  // the last frame is in the last one
   WindowSearch search(config, trajectory_config, trace);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "base/algorithms.hpp"
 #include "base/voxel_grid.hpp"
 #include "tests/real_frames.hpp"
 
@@ -59,7 +60,7 @@ Points CubeAt(float x_m, float y_m, float z_m) {
 VoxelSet VoxelsOf(const Points& points_m, double size_m) {
   std::vector<VoxelKey> keys;
   for (const Eigen::Vector3f& p : points_m) keys.push_back(VoxelOf(p, size_m));
-  return UniqueVoxels(keys);
+  return SortedUnique(keys);
 }
 
 void ExpectAllFinite(const ClusterScore& score) {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "tests/synthetic_recording.hpp"
-#include "trajectory/target.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 namespace {

@@ -55,7 +55,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
   times_s.clear();
   model.origin_m.setZero();
   for (const auto& measurement : measurements) {
-    times_s.push_back(static_cast<double>(measurement.time_ns - begin_ns) * kSecondsPerNs);
+    times_s.push_back(SecondsOf(measurement.time_ns - begin_ns));
     model.origin_m += measurement.position_m / static_cast<double>(measurements.size());
   }
   if (!model.origin_m.allFinite() || !std::is_sorted(times_s.begin(), times_s.end())) {

@@ -13,7 +13,7 @@ struct SplinePoint {
 };
 
 SplinePoint SplinePointAt(const Trajectory& trajectory, TimeNs time_ns) {
-  const double time_s = static_cast<double>(time_ns - trajectory.origin_ns) * kSecondsPerNs;
+  const double time_s = SecondsOf(time_ns - trajectory.origin_ns);
   const int interval = IntervalAt(trajectory.knots_s, time_s);
   const double u_s = time_s - trajectory.knots_s[Index(interval + 3)];
   const Eigen::Matrix4d polynomials = BasisPolynomials(trajectory.knots_s, interval);

@@ -96,10 +96,6 @@ bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& 
 
 }  // namespace
 
-TruncatedLoss LossOf(const TrajectoryScales& scales) {
-  return {Square(kOutlierSigmas) * Square(scales.noise)};
-}
-
 void FitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
                SplineFit& fit) {
   fit.weights.assign(model.measurements.size(), 1.0);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "trajectory/banded.hpp"
 #include "trajectory/spline_model.hpp"
 #include "trajectory/spline_solver.hpp"
@@ -69,7 +70,9 @@ struct FitMemory {
 };
 
 // The loss of a measurement at these scales.
-TruncatedLoss LossOf(const TrajectoryScales& scales);
+inline TruncatedLoss LossOf(const TrajectoryScales& scales) {
+  return {Square(kOutlierSigmas) * Square(scales.noise)};
+}
 
 // Robust minimum at given scales by reweighted least squares. The limit of the loss starts at the
 // largest residual and is halved down to its final value: the worst outliers are removed first,

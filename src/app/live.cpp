@@ -58,12 +58,6 @@ RowTimes EarlierRows(const Config& config) {
   return {is_endless ? 2 * kMaxStampNs : held_ns + NsOf(late_s), NsSinceEpoch(now)};
 }
 
-std::optional<LiveTraceOutput> TraceOutputOf(const Arguments& arguments, Signals& signals,
-                                             const NoteCallback& note) {
-  if (arguments.trace.empty()) return std::nullopt;
-  return std::optional<LiveTraceOutput>(std::in_place, arguments.trace, signals, note);
-}
-
 // Main loop: wait for the source, read, write the results.
 class LiveRun {
  public:
@@ -75,7 +69,9 @@ class LiveRun {
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
         note_(note),
-        trace_(TraceOutputOf(arguments, signals_, note)),
+        trace_(arguments.trace.empty()
+                   ? nullptr
+                   : std::make_unique<LiveTraceOutput>(arguments.trace, signals_, note)),
         intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
     output_.LeaveOutBirds(arguments.max_bird_probability(), HoldNs(config.live));
     if (!arguments.event_returns_file.empty()) {
@@ -190,7 +186,7 @@ class LiveRun {
   LiveOutput output_;
   LiveEventReporter reporter_;
   const NoteCallback& note_;
-  std::optional<LiveTraceOutput> trace_;
+  std::unique_ptr<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;
   std::optional<Clock::time_point> status_written_;

@@ -14,10 +14,6 @@ constexpr TimeNs kStateIntervalNs = 40'000'000'000;
 
 }  // namespace
 
-bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
-  return (before ^ count) > before;  // a higher bit is set
-}
-
 void LiveEventReporter::NoteCount(std::uint64_t before, std::uint64_t count,
                                   const std::string& noun, const std::string& text) const {
   if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
@@ -58,10 +54,9 @@ void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeN
   sensor.state = state;
   output_.ReportSensor(newest_ns, sensor.name, state, sensor.clock);
   if (state != SensorState::kBlinded) return;
-  ++sensor.num_blinded;
-  if (IsWorthANote(sensor.num_blinded - 1, sensor.num_blinded)) {
-    Note(sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)");
-  }
+  NoteIncident(
+      sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)",
+      &sensor.num_blinded);
 }
 
 void LiveEventReporter::ReportReturns(std::size_t sensor, TimeNs stamp_ns,
@@ -77,12 +72,10 @@ void LiveEventReporter::ReportClock(std::size_t index, SyncState clock, TimeNs n
   if (std::exchange(sensor.clock, clock) == clock) return;
   if (sensor.state) output_.ReportSensor(newest_ns, sensor.name, *sensor.state, clock);
   if (clock != SyncState::kLost) return;
-  ++sensor.num_lost;
-  if (IsWorthANote(sensor.num_lost - 1, sensor.num_lost)) {
-    Note(sensor.name +
-         ": has lost its time synchronisation (PTP, GPS), its frames go on by the clock of this "
-         "computer");
-  }
+  NoteIncident(sensor.name +
+                   ": has lost its time synchronisation (PTP, GPS), its frames go on by the clock "
+                   "of this computer",
+               &sensor.num_lost);
 }
 
 void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,
@@ -99,12 +92,6 @@ void LiveEventReporter::SendHeartbeat(const LiveProgress& now) {
   if (state_ == LiveState::kRunning && now.newest_ns - state_reported_ns_ >= kStateIntervalNs) {
     ReportState(now);
   }
-}
-
-std::vector<std::optional<SensorState>> LiveEventReporter::SensorStates() const {
-  std::vector<std::optional<SensorState>> states;
-  for (const Sensor& sensor : sensors_) states.push_back(sensor.state);
-  return states;
 }
 
 void LiveEventReporter::ReportState(const LiveProgress& now) {

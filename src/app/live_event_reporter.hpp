@@ -19,7 +19,9 @@ namespace unlidar {
 
 // True if a count has reached 1, 2, 4, 8, ... since it was `before`: repeated incidents are noted
 // ever less often.
-bool IsWorthANote(std::uint64_t before, std::uint64_t count);
+inline bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
+  return (before ^ count) > before;  // a higher bit is set
+}
 
 // Progress of a run.
 struct LiveProgress {
@@ -42,6 +44,12 @@ class LiveEventReporter {
   void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
                  const std::string& text) const;
 
+  // Counts one more incident in `count` and notes it, if that is worth a note.
+  void NoteIncident(const std::string& text, std::uint64_t* count) const {
+    ++*count;
+    if (IsWorthANote(*count - 1, *count)) Note(text);
+  }
+
   // Sensors are numbered as they are added.
   void AddSensor(const std::string& name) { sensors_.push_back({name}); }
 
@@ -54,7 +62,8 @@ class LiveEventReporter {
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
   // Reports the clock of a sensor that tells of its synchronisation, also before its first frame.
   void ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns);
-  bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
+  // As last reported, if it was.
+  std::optional<SensorState> StateOf(std::size_t sensor) const { return sensors_[sensor].state; }
 
   // Reports at most `max_returns` returns of a frame if a view of them is due.
   void ReportReturns(std::size_t sensor, TimeNs stamp_ns,
@@ -73,7 +82,6 @@ class LiveEventReporter {
   // State as last reported.
   LiveState state() const { return is_overloaded() ? LiveState::kOverloaded : state_; }
   std::uint64_t one_in() const { return one_in_; }
-  std::vector<std::optional<SensorState>> SensorStates() const;
 
   // Writes everything pending. Throws OutputError.
   void Flush() { output_.Flush(); }

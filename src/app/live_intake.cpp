@@ -120,7 +120,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     Warn(engine_.warnings());
   }
   processing_times_.Add(ThreadCpuSeconds() - begin_s);
-  if (!reporter_.HasReported(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
+  if (!reporter_.StateOf(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
     reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
   CheckOutOfSync();
@@ -221,13 +221,12 @@ LiveProgress LiveIntake::Progress() const {
 
 LiveSummary LiveIntake::Summary() const {
   LiveSummary summary;
-  const std::vector<std::optional<SensorState>> states = reporter_.SensorStates();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     LiveInput& input = summary.inputs.emplace_back();
     input.name = sensors_[i].name;
     if (i < sources_.size()) input.directory = sources_[i].directory;
     input.frames = sensors_[i].frames;
-    input.state = states[i];
+    input.state = reporter_.StateOf(i);
     input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
     input.sway_deg = engine_.SwayDeg(static_cast<std::uint32_t>(i));
   }

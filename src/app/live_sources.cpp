@@ -167,11 +167,9 @@ class PacketSource : public LiveSource {
 
   void NoteRecordingFailure() {
     if (!recorder_) return;
-    const std::optional<std::string> failure = recorder_->TakeFailure();
-    if (!failure) return;
-    ++recording_failures_;
-    if (!IsWorthANote(recording_failures_ - 1, recording_failures_)) return;
-    reporter_.Note("packets are not recorded: " + *failure);
+    if (const std::optional<std::string> failure = recorder_->TakeFailure()) {
+      reporter_.NoteIncident("packets are not recorded: " + *failure, &recording_failures_);
+    }
   }
 
   // A LiDAR is a sensor of the run with its first frame.

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "app/live.hpp"
@@ -13,6 +14,7 @@
 #include "app/output_files.hpp"
 #include "app/summary.hpp"
 #include "app/trace_output.hpp"
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "config/config.hpp"
@@ -23,22 +25,19 @@
 namespace unlidar {
 namespace {
 
-struct NamedPath {
-  const char* option;
-  std::string path;
-};
-
-// The output files asked for.
-std::vector<NamedPath> Outputs(const Arguments& arguments) {
-  std::vector<NamedPath> outputs = {{"--out", arguments.out}};
-  for (const NamedPath& optional :
-       {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
-        NamedPath{"--summary", arguments.summary}, NamedPath{"--trace", arguments.trace},
-        NamedPath{"--events", arguments.events},
-        NamedPath{"--event-returns-file", arguments.event_returns_file},
-        NamedPath{"--state", arguments.state}, NamedPath{"--metrics", arguments.metrics}}) {
-    if (!optional.path.empty()) outputs.push_back(optional);
-  }
+// The output files asked for, each with its option.
+std::vector<std::pair<const char*, std::string>> Outputs(const Arguments& arguments) {
+  std::vector<std::pair<const char*, std::string>> outputs = {
+      {"--out", arguments.out},
+      {"--clusters", arguments.clusters},
+      {"--points", arguments.points},
+      {"--summary", arguments.summary},
+      {"--trace", arguments.trace},
+      {"--events", arguments.events},
+      {"--event-returns-file", arguments.event_returns_file},
+      {"--state", arguments.state},
+      {"--metrics", arguments.metrics}};
+  EraseIf(&outputs, [](const auto& output) { return output.second.empty(); });
   return outputs;
 }
 
@@ -72,7 +71,7 @@ void CheckOutputs(const Arguments& arguments) {
     }
   }
   if (arguments.is_live()) return;  // those that grow are opened at once
-  for (const NamedPath& output : Outputs(arguments)) CheckWritable(output.path);
+  for (const auto& [option, path] : Outputs(arguments)) CheckWritable(path);
 }
 
 PipelineRequest ToRequest(const Arguments& arguments) {

@@ -11,24 +11,18 @@ constexpr std::uint64_t kMaxOneIn = 1024;
 
 bool FramePace::Keeps(std::size_t sensor, std::optional<Clock::duration> waited,
                       Clock::time_point now) {
-  if (waited) Adapt(*waited, now);
-  if (seen_.size() <= sensor) seen_.resize(sensor + 1);
-  return seen_[sensor]++ % one_in_ == 0;
-}
-
-void FramePace::Adapt(Clock::duration waited, Clock::time_point now) {
-  shortest_wait_ = std::min(shortest_wait_.value_or(waited), waited);
-  const Clock::duration excess = waited - *shortest_wait_;
+  if (waited) shortest_wait_ = std::min(shortest_wait_.value_or(*waited), *waited);
   // A change takes effect with a delay.
   const bool has_settled = !changed_ || now - *changed_ >= max_extra_wait_ / 2;
-  if (!has_settled) return;
-  if (excess > max_extra_wait_ && one_in_ < kMaxOneIn) {
-    one_in_ *= 2;
-    changed_ = now;
-  } else if (excess < max_extra_wait_ / 4 && one_in_ > 1) {
-    one_in_ /= 2;
-    changed_ = now;
+  if (waited && has_settled) {
+    const Clock::duration excess = *waited - *shortest_wait_;
+    const std::uint64_t before = one_in_;
+    if (excess > max_extra_wait_ && one_in_ < kMaxOneIn) one_in_ *= 2;
+    if (excess < max_extra_wait_ / 4 && one_in_ > 1) one_in_ /= 2;
+    if (one_in_ != before) changed_ = now;
   }
+  if (seen_.size() <= sensor) seen_.resize(sensor + 1);
+  return seen_[sensor]++ % one_in_ == 0;
 }
 
 }  // namespace unlidar

@@ -26,8 +26,6 @@ class FramePace {
   std::uint64_t one_in() const { return one_in_; }
 
  private:
-  void Adapt(Clock::duration waited, Clock::time_point now);
-
   Clock::duration max_extra_wait_;
   std::optional<Clock::duration> shortest_wait_;
   std::optional<Clock::time_point> changed_;

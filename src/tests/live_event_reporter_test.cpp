@@ -83,15 +83,15 @@ TEST(IsWorthANote, TheFirstTimeAndEachTimeThereAreTwiceAsMany) {
 
 TEST(LiveEventReporter, TellsOfEachSensorOnlyWhatIsNew) {
   ReporterFixture fixture;
-  EXPECT_FALSE(fixture.reporter.HasReported(0));
+  EXPECT_FALSE(fixture.reporter.StateOf(0));
   constexpr auto kOk = SensorState::kOk;
   constexpr auto kSilent = SensorState::kSilent;
   for (const SensorState state : {kOk, kOk, kSilent, kSilent, kOk, SensorState::kBlinded}) {
     fixture.reporter.ReportSensor(0, state, 1);
     fixture.reporter.Take(SensorChanged{0, state}, LiveProgress());
   }
-  EXPECT_TRUE(fixture.reporter.HasReported(0));
-  EXPECT_FALSE(fixture.reporter.HasReported(1));
+  EXPECT_TRUE(fixture.reporter.StateOf(0));
+  EXPECT_FALSE(fixture.reporter.StateOf(1));
   EXPECT_EQ(fixture.NumEvents("\"roof\""), 4U);
   EXPECT_EQ(fixture.NumEvents("\"state\":\"silent\""), 1U);
   EXPECT_EQ(fixture.NumEvents("\"state\":\"blinded\""), 1U);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <utility>
 
 #include "base/algorithms.hpp"
 
@@ -12,12 +13,10 @@ namespace {
 
 constexpr TimeNs kFirstRefitNs = kWarmUpNs / 2;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
-// Averaging lengths in frames, and the factor and number of additional plots that mean a change
-// of weather: no swarm is that large.
+// Averaging lengths in frames, and the factor, beyond kSwarmPlots, that means a change of weather.
 constexpr int kRecentFrames = 5;
 constexpr int kTypicalFrames = 100;
 constexpr double kSurgeFactor = 2.0;
-constexpr double kSurgePlots = 30.0;
 
 }  // namespace
 
@@ -253,7 +252,7 @@ void LiveScene::RemoveBodies(SceneFrame* frame) {
 }
 
 // True if the number of plots has risen so much that the clutter model no longer holds, as when
-// rain begins. Search resumes after another warm-up.
+// rain begins, and not only begins again. Search resumes after another warm-up.
 bool LiveScene::IsSurge(const SceneFrame& frame) {
   if (rates_.size() <= frame.info.sensor) rates_.resize(frame.info.sensor + 1);
   PlotRate& rate = rates_[frame.info.sensor];
@@ -261,7 +260,9 @@ bool LiveScene::IsSurge(const SceneFrame& frame) {
   ++rate.frames;
   rate.recent += (plots - rate.recent) / std::min(rate.frames, kRecentFrames);
   rate.typical += (plots - rate.typical) / std::min(rate.frames, kTypicalFrames);
-  if (rate.recent < kSurgeFactor * rate.typical + kSurgePlots) return false;
+  const double passed_s = std::max(0.0, frame.time_s - std::exchange(rate.time_s, frame.time_s));
+  rate.known = std::max(rate.typical, std::exp(-passed_s / config_.live.window_s) * rate.known);
+  if (rate.recent < kSurgeFactor * rate.known + kSwarmPlots) return false;
   rate.typical = rate.recent;
   return true;
 }
@@ -276,7 +277,9 @@ void LiveScene::Judge(SceneFrame* frame) {
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   RemoveBodies(frame);
   if (IsSurge(*frame) && config_.robust.Uses(Rule::kSurge)) {
-    if (std::isfinite(config_.live.window_s)) station.Forget(frame->bin);
+    if (std::isfinite(config_.live.window_s)) {
+      station.clutter.Forget(frame->info.sensor, frame->bin);
+    }
     station.search_from_ns = middle_ns + kWarmUpNs;
     station.learning = Rejection::kSurge;
     learning_since_ns_ = middle_ns;

@@ -105,11 +105,13 @@ class LiveScene {
     Queue<BodyBox> bodies;
   };
 
-  // Mean number of plots per frame of a sensor, recent and long-term.
+  // Mean number of plots per frame of a sensor.
   struct PlotRate {
     double recent = 0.0;
-    double typical = 0.0;
+    double typical = 0.0;  // long-term
+    double known = 0.0;    // the most that was typical, forgotten with the window
     int frames = 0;
+    double time_s = 0.0;  // of the last frame
   };
 
   bool IsSurge(const SceneFrame& frame);

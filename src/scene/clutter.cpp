@@ -187,18 +187,25 @@ void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint3
   Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
   const auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bin, IsBefore);
   if (at != by_bin.end() && at->bin == bin) {
-    at->count += count;
+    at->num_frames += count;
   } else {
-    by_bin.Insert(at, {bin, count});
+    by_bin.Insert(at, {bin, count, 0});
   }
 }
 
-std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const {
+ClutterModel::FrameCount ClutterModel::CountIn(std::uint32_t sensor, BinRange bins) const {
   const Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
-  std::uint32_t sum = 0;
+  FrameCount sum;
   auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bins.first, IsBefore);
-  for (; at != by_bin.end() && at->bin < bins.last; ++at) sum += at->count;
+  for (; at != by_bin.end() && at->bin < bins.last; ++at) {
+    sum.num_frames += at->num_frames;
+    sum.num_plots += at->num_plots;
+  }
   return sum;
+}
+
+std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const {
+  return CountIn(sensor, bins).num_frames;
 }
 
 void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count) {
@@ -206,23 +213,44 @@ void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t co
   sensor.around.Add(PlaceM(plot), bin, count);
   sensor.spots.Add(PlaceM(plot), bin, count);
   if (plot.IsFromTravel()) sensor.along.Add(plot.carrier_ray_m, bin, count);
+  const auto at = std::lower_bound(sensor.by_bin.begin(), sensor.by_bin.end(), bin, IsBefore);
+  if (at == sensor.by_bin.end() || at->bin != bin) return;
+  at->num_plots += static_cast<std::uint32_t>(count);
+  sensor.num_plots += static_cast<std::uint32_t>(count);
+}
+
+double ClutterModel::LogSquall(std::uint32_t sensor, std::uint32_t bin) const {
+  const FrameCount present = CountIn(sensor, {bin - std::min(bin, 1U), bin + 2});
+  const FrameCount excluded = CountIn(sensor, ClutterMap::Excluded(bin));
+  const Sensor& its = sensors_[sensor];
+  if (its.num_frames == excluded.num_frames || present.num_frames == 0) return 0.0;
+  const auto per_frame = [](std::uint32_t num_plots, std::uint32_t num_frames) {
+    return static_cast<double>(num_plots) / num_frames;
+  };
+  const double usual =
+      per_frame(its.num_plots - excluded.num_plots, its.num_frames - excluded.num_frames);
+  const double more = per_frame(present.num_plots, present.num_frames) - kSwarmPlots;
+  return std::log(std::max(1.0, more / std::max(usual, 1.0)));
 }
 
 void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
-  if (bin >= forgotten_bins_) AddCount(plot, bin, -1);
+  if (bin >= sensors_[plot.sensor].first_bin) AddCount(plot, bin, -1);
 }
 
 void ClutterModel::Forget(std::uint32_t before_bin) {
-  forgotten_bins_ = before_bin;
-  for (Sensor& sensor : sensors_) {
-    sensor.around.Forget(before_bin);
-    sensor.along.Forget(before_bin);
-    sensor.spots.Forget(before_bin);
-    Queue<FrameCount>& by_bin = sensor.by_bin;
-    while (!by_bin.empty() && IsBefore(by_bin.front(), before_bin)) {
-      sensor.num_frames -= by_bin.front().count;
-      by_bin.pop_front();
-    }
+  for (std::uint32_t sensor = 0; sensor < sensors_.size(); ++sensor) Forget(sensor, before_bin);
+}
+
+void ClutterModel::Forget(std::uint32_t sensor, std::uint32_t before_bin) {
+  Sensor& its = sensors_[sensor];
+  its.first_bin = std::max(its.first_bin, before_bin);
+  its.around.Forget(before_bin);
+  its.along.Forget(before_bin);
+  its.spots.Forget(before_bin);
+  while (!its.by_bin.empty() && IsBefore(its.by_bin.front(), before_bin)) {
+    its.num_frames -= its.by_bin.front().num_frames;
+    its.num_plots -= its.by_bin.front().num_plots;
+    its.by_bin.pop_front();
   }
 }
 
@@ -268,9 +296,10 @@ ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same
 ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {
   const double rate = SurroundingRate(plot, bin, SameTimeOf(plot, bin), 0);
   if (plot.is_floating) return {std::log(rate), std::log(rate)};
-  return {
-      std::log(rate),
-      std::log(std::max({rate, SpotRateOf(plot).Given(NumAtSpot(plot) - 1.0), plot.place_rate}))};
+  const double spot_rate = SpotRateOf(plot).Given(NumAtSpot(plot) - 1.0);
+  const double log_squall = LogSquall(plot.sensor, bin);
+  return {std::log(rate) + log_squall,
+          std::log(std::max({rate, spot_rate, plot.place_rate})) + log_squall};
 }
 
 double PlotVolumeM3(const Plot& plot) {

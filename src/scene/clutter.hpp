@@ -65,6 +65,9 @@ class ClutterMap {
   std::array<RangeGrid, kNumLevels> levels_;
 };
 
+// Plots a frame that mean a change of weather: no swarm is that large.
+inline constexpr double kSwarmPlots = 30.0;
+
 // Clutter intensity, per m^3 and frame of the sensor of a plot: the largest of the rates of its
 // neighbourhood, its spot and its place, method.md (2) to (4). Takes the plots of frames in any
 // order and forgets them again, so that it serves a stream as well as a recording.
@@ -79,8 +82,9 @@ class ClutterModel {
   // Removes a plot that was added, unless it is forgotten.
   void Remove(const Plot& plot, std::uint32_t bin);
 
-  // Forgets the frames and plots of earlier bins.
+  // Forgets the frames and plots of earlier bins, of all sensors or of one.
   void Forget(std::uint32_t before_bin);
+  void Forget(std::uint32_t sensor, std::uint32_t before_bin);
 
   // Number of frames of a sensor in `bins`.
   std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
@@ -99,6 +103,10 @@ class ClutterModel {
   // `num_excluded`: plots of other times around it that are no clutter, as they are its own.
   double SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
                          std::uint32_t num_excluded) const;
+
+  // Returns the log of how many times as many plots a frame has about a bin, but for kSwarmPlots,
+  // as at the times that tell of its clutter: strays come in squalls. At least 0.
+  double LogSquall(std::uint32_t sensor, std::uint32_t bin) const;
 
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
@@ -128,25 +136,28 @@ class ClutterModel {
 
  private:
   struct FrameCount {
-    std::uint32_t bin;
-    std::uint32_t count;
+    std::uint32_t bin = 0;
+    std::uint32_t num_frames = 0;
+    std::uint32_t num_plots = 0;
   };
 
   struct Sensor {
     Sensor();
 
     std::uint32_t num_frames = 0;
-    Queue<FrameCount> by_bin;  // ascending
+    std::uint32_t num_plots = 0;
+    std::uint32_t first_bin = 0;  // earlier ones are forgotten
+    Queue<FrameCount> by_bin;     // ascending
     ClutterMap around;
     ClutterMap along;  // while it travels, in the axes of its carrier
     RangeGrid spots;   // of static objects
   };
 
   static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
+  FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
   void AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count);
 
   std::size_t num_levels_;
-  std::uint32_t forgotten_bins_ = 0;  // earlier ones are forgotten
   std::vector<Sensor> sensors_;
 };
 

@@ -150,7 +150,7 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   place->is_structure = place->is_unknown || occupied > max_occupied;
   // A place among strays is clutter, not structure. Where there is one at most times and within
   // reach of any track, a lone return tells nothing, and it is left at that.
-  const double stray_rate = place->is_structure ? StrayRate(point_m) : 0.0;
+  const double stray_rate = place->is_structure ? UsualStrayRate(point_m) : 0.0;
   place->is_behind_strays = stray_rate > 0.0;
   const double rate = place->is_behind_strays ? RateThroughout(hits, point_m) : 0.0;
   const bool may_be_strays = place->is_behind_strays && stray_rate > kMinStrayShare * rate;

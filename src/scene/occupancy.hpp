@@ -10,6 +10,7 @@
 #include "scene/occlusion.hpp"
 #include "scene/recent_bins.hpp"
 #include "scene/shell_table.hpp"
+#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -40,7 +41,7 @@ class Occupancy {
   // True if a known target has been at a place since a bin. May be empty: no targets.
   using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
 
-  // `knows_strays`: StrayRate() is estimated, otherwise it is 0.
+  // `knows_strays`: UsualStrayRate() is estimated, otherwise it is 0.
   explicit Occupancy(const BackgroundConfig& config, bool knows_strays = true);
 
   // Adds a frame. Bins count up; frames may come out of order by a few bins.
@@ -71,7 +72,10 @@ class Occupancy {
   // Returns the rate of strays before a place, in returns per frame and m^3: what rain, snow, fog
   // and the sun return, they return all the way, the denser the nearer; before what stands in clear
   // air nothing returns. The lowest of the rates of places on the way.
-  double StrayRate(const Eigen::Vector3f& point_m) const;
+  double UsualStrayRate(const Eigen::Vector3f& point_m) const;
+
+  // Returns that and the rate in a bin and the one before it: strays come in squalls.
+  StrayRate StrayRateIn(const Eigen::Vector3f& point_m, std::int64_t bin) const;
 
   // Sets one return for each place last judged as structure and hit within the window.
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
@@ -124,7 +128,7 @@ class Occupancy {
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
-  double EvenRate(const Eigen::Vector3f& point_m) const;
+  double EvenRate(const Eigen::Vector3f& point_m, const RecentBins& bins) const;
   bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;

@@ -75,7 +75,7 @@ double Occupancy::RateThroughout(const RecentBins& hits, const Eigen::Vector3f& 
   return RateOf((hits & observed_).Size(), observed_.Size(), point_m);
 }
 
-double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
+double Occupancy::UsualStrayRate(const Eigen::Vector3f& point_m) const {
   if (!knows_strays_) return 0.0;
   double rate = std::numeric_limits<double>::infinity();
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
@@ -112,15 +112,32 @@ double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> a
   return hits_per_bin * num_observed / num_frames_ / places_.VolumeM3(point_m);
 }
 
-// Same if each voxel is hit as often as the others, as strays hit them. Surfaces before a place
-// fill some voxels in every bin, and leave the rest empty: summed over these, they would explain
-// anything behind them.
-double Occupancy::EvenRate(const Eigen::Vector3f& point_m) const {
+// Same in these of the observed bins if each voxel is hit as often as the others, as strays hit
+// them. Surfaces before a place fill some voxels in every bin, and leave the rest empty: summed
+// over these, they would explain anything behind them.
+double Occupancy::EvenRate(const Eigen::Vector3f& point_m, const RecentBins& bins) const {
   double num_hits = 0.0;
-  places_.VisitNeighbourhood(point_m,
-                             [&](const Place& place) { num_hits += HitsOf(place).Size(); });
+  places_.VisitNeighbourhood(
+      point_m, [&](const Place& place) { num_hits += (HitsOf(place) & bins).Size(); });
   constexpr double kNumVoxels = ShellTable<Place>::kNumNeighbourhoodVoxels;
-  return kNumVoxels * RateOf(num_hits, kNumVoxels * observed_.Size(), point_m);
+  return kNumVoxels * RateOf(num_hits, kNumVoxels * bins.Size(), point_m);
+}
+
+StrayRate Occupancy::StrayRateIn(const Eigen::Vector3f& point_m, std::int64_t bin) const {
+  StrayRate rate{UsualStrayRate(point_m), 0.0};
+  const auto age = static_cast<int>(newest_ - bin);
+  if (rate.usual == 0.0 || age < 0 || age + 1 >= RecentBins::kWindow) return rate;
+  RecentBins present;
+  present.Insert(age);
+  present.Insert(age + 1);
+  present = present & observed_;
+  rate.present = std::numeric_limits<double>::infinity();
+  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
+  for (const float share : kSharesOfRay) {
+    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
+    rate.present = std::min(rate.present, EvenRate(nearer_m, present));
+  }
+  return rate;
 }
 
 // False if a place has a larger VoxelRate() than strays before it explain, beyond chance. Rays
@@ -134,7 +151,7 @@ bool Occupancy::AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rat
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
     const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
-    const double nearer_rate = EvenRate(nearer_m);
+    const double nearer_rate = EvenRate(nearer_m, observed_);
     const double spread = Square(static_cast<double>(share));
     const double sigma = std::sqrt(own_variance + Square(spread) * variance(nearer_m, nearer_rate));
     return kMinStrayShare * voxel_rate - spread * nearer_rate < kChanceSigmas * sigma;

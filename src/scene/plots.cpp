@@ -179,15 +179,19 @@ void FramePlotter::CountInLineBelow(const Recording& recording, const FrameInfo&
 RangeRadius FramePlotter::BodyLinkAmongStrays(const Recording& recording, const IndexView& returns,
                                               const StrayRateAt& stray_rate_at) const {
   const std::size_t step = (returns.size() - 1) / kMaxSampledReturns + 1;
-  double num_strays = 0.0;  // within kBodyLink
+  StrayRate num_strays;  // within kBodyLink
   double num_sampled = 0.0;
   for (std::size_t k = 0; k < returns.size(); k += step) {
     const Eigen::Vector3f& point_m = recording.points_m[returns.begin()[k]];
     const double radius_m = kBodyLink.At(static_cast<double>(point_m.norm()));
-    num_strays += stray_rate_at(point_m) * 4.0 / 3.0 * M_PI * std::pow(radius_m, 3);
+    const double volume_m3 = 4.0 / 3.0 * M_PI * std::pow(radius_m, 3);
+    const StrayRate rate = stray_rate_at(point_m);
+    num_strays.usual += volume_m3 * rate.usual;
+    num_strays.present += volume_m3 * rate.present;
     num_sampled += 1.0;
   }
-  const double factor = std::cbrt(std::min(1.0, kMaxStraysLinked * num_sampled / num_strays));
+  const double most = std::max(num_strays.usual, num_strays.present);
+  const double factor = std::cbrt(std::min(1.0, kMaxStraysLinked * num_sampled / most));
   return {factor * kBodyLink.constant_m, factor * kBodyLink.slope};
 }
 

@@ -16,6 +16,7 @@
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
 #include "scene/stations.hpp"
+#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -156,8 +157,8 @@ struct FramePlots {
 // Extracts the plots of successive frames, reusing its memory.
 class FramePlotter {
  public:
-  // Occupancy::StrayRate.
-  using StrayRateAt = std::function<double(const Eigen::Vector3f&)>;
+  // Occupancy::StrayRateIn of the frame.
+  using StrayRateAt = std::function<StrayRate(const Eigen::Vector3f&)>;
 
   // Links `candidates`, returns of one frame in ascending order, into plots; returns of bodies are
   // removed from them. The recording, the plots and bodies are relative to the viewpoint of the

@@ -78,7 +78,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
   DropStrays(points_m);
   num_unexplained_ = candidates_.size();
   const auto stray_rate_at = [&](const Eigen::Vector3f& point_m) {
-    return occupancy_.StrayRate(point_m + shift_m);
+    return occupancy_.StrayRateIn(point_m + shift_m, bin);
   };
   FramePlots& found = plotter_.Find(*frame, 0, &candidates_, support_.ground(),
                                     lowest_elevation_rad_, std::cref(stray_rate_at), *config_);

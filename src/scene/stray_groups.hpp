@@ -1,4 +1,4 @@
-// Strays of weather that single linkage joins by chance.
+// Strays of weather, and the groups of them that single linkage joins by chance.
 #pragma once
 
 #include <algorithm>
@@ -6,6 +6,12 @@
 #include <limits>
 
 namespace unlidar {
+
+// Rate of strays, in returns per frame and m^3.
+struct StrayRate {
+  double usual = 0.0;    // over all times
+  double present = 0.0;  // of late
+};
 
 // Returns the rate of groups of `count` strays, per m^3 and frame, of a Poisson process of `rate`
 // returns per m^3 and frame that are joined within `radius_m`: with mu others within reach of each,

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <vector>
 
 #include "scene/clutter.hpp"
@@ -109,6 +110,43 @@ TEST(ClutterModel, WhatIsRemovedOrForgottenIsNoClutter) {
   // Once more: what was forgotten cannot be removed.
   forgetting.Remove(PlotsOf(0)[0], BinOf(0));
   EXPECT_GT(AddAndJudge(kNext + 6, &forgetting)[0], forgotten);
+}
+
+TEST(ClutterModel, OneSensorIsForgottenWithoutTheOthers) {
+  ClutterModel both{RobustConfig()};
+  for (int i = 0; i < kFrames; ++i) {
+    for (std::uint32_t sensor : {0U, 1U}) {
+      both.AddFrames(sensor, BinOf(i));
+      for (Plot plot : PlotsOf(i)) {
+        plot.sensor = sensor;
+        both.Add(plot, BinOf(i));
+      }
+    }
+  }
+  both.Forget(1, BinOf(kFrames));
+  EXPECT_EQ(both.NumFrames(0, {0, BinOf(kFrames)}), static_cast<std::uint32_t>(kFrames));
+  EXPECT_EQ(both.NumFrames(1, {0, BinOf(kFrames)}), 0U);
+  EXPECT_EQ(Judge(PlotsOf(6), 6, both), Judge(PlotsOf(6), 6, Foreseen()));
+}
+
+// Drops somewhere in a squall tell of more drops everywhere, as far as no swarm explains them.
+TEST(ClutterModel, InASquallAllClutterIsDenser) {
+  const auto log_clutter_of_twig = [](int num_drops) {
+    ClutterModel clutter{RobustConfig()};
+    for (int i = 0; i < 100; ++i) {
+      std::vector<Plot> plots = PlotsOf(6);
+      for (int k = 0; k < (i < 80 ? 10 : num_drops); ++k) {
+        plots.push_back(plots[0]);
+        plots.back().position_m = plots.back().ray_m = {-30.0, 1.0 * k, 5.0};
+      }
+      Add(plots, i, &clutter);
+    }
+    return clutter.IntensityOf(PlotsOf(6)[0], BinOf(99)).log_clutter;
+  };
+  const double calm = log_clutter_of_twig(10);
+  EXPECT_EQ(log_clutter_of_twig(35), calm);
+  const double usual = (80 * 11 + 5 * 401) / 85.0;  // but for the last 1.5 s
+  EXPECT_NEAR(log_clutter_of_twig(400), calm + std::log((401 - kSwarmPlots) / usual), 0.2);
 }
 
 // Crowns along a road: each is seen once, but always about as far ahead.

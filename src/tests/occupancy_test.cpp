@@ -88,12 +88,37 @@ Occupancy AmongStrays(double per_m3, bool knows_strays, int num_of_crown = 0) {
   return AmongStraysAnd(per_m3, knows_strays, fill);
 }
 
+TEST(Occupancy, InASquallThePresentRateOfStraysIsThatOfItsTime) {
+  constexpr double kRate = 0.02;
+  const auto squall = [](std::int64_t bin, Random* random, std::vector<Eigen::Vector3f>* points_m) {
+    const std::size_t num_more = bin < 38 ? 0 : 4 * points_m->size();
+    for (std::size_t i = 0; i < num_more; ++i) {
+      const Eigen::Vector3d ray = random->InBox({4, -0.375, -0.375}, {22, 0.375, 0.375});
+      points_m->emplace_back(
+          Eigen::Vector3d(ray.x(), ray.x() * ray.y(), ray.x() * ray.z()).cast<float>());
+    }
+  };
+  const Occupancy occupancy = AmongStraysAnd(kRate, true, squall);
+  double rate = 0.0;
+  double before = 0.0;
+  double present = 0.0;
+  for (int y = -3; y <= 3; ++y) {
+    const Eigen::Vector3f place_m(16.0F, static_cast<float>(y), 1.0F);
+    rate += occupancy.UsualStrayRate(place_m) / 7.0;
+    before += occupancy.StrayRateIn(place_m, 30).present / 7.0;
+    present += occupancy.StrayRateIn(place_m, 39).present / 7.0;
+  }
+  EXPECT_LT(before, 1.5 * rate);
+  EXPECT_GT(present, 3.0 * rate);
+  EXPECT_LT(present, 6.0 * rate);
+}
+
 TEST(Occupancy, TheRateOfStraysIsTheirDensityBeforeAPlaceAndBeforeAWallNone) {
   for (const double per_m3 : {0.02, 0.05, 0.1}) {
     const Occupancy occupancy = AmongStrays(per_m3, true);
     double sum = 0.0;
     for (int y = -3; y <= 3; ++y) {
-      sum += occupancy.StrayRate({16.0F, static_cast<float>(y), 1.0F}) / 7.0;
+      sum += occupancy.UsualStrayRate({16.0F, static_cast<float>(y), 1.0F}) / 7.0;
     }
     EXPECT_GT(sum, 0.9 * per_m3);  // the lower of two nearer ones, where they are denser
     EXPECT_LT(sum, 2.6 * per_m3);
@@ -101,7 +126,7 @@ TEST(Occupancy, TheRateOfStraysIsTheirDensityBeforeAPlaceAndBeforeAWallNone) {
   Occupancy clear{BackgroundConfig()};
   for (std::int64_t bin = 0; bin < 40; ++bin)
     clear.AddFrame(std::vector{Eigen::Vector3f(16, 0, 1)}, bin);
-  EXPECT_EQ(clear.StrayRate({16, 0, 1}), 0.0);
+  EXPECT_EQ(clear.UsualStrayRate({16, 0, 1}), 0.0);
 }
 
 TEST(Occupancy, AmongStraysAPlaceThatIsOftenHitIsClutterAndNoStructure) {

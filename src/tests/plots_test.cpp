@@ -537,7 +537,8 @@ std::vector<Plot> PlotsInTheSky(const Recording& recording) {
     std::vector<std::uint32_t> candidates(frame.last_return - frame.first_return);
     std::iota(candidates.begin(), candidates.end(), frame.first_return);
     const FramePlots& found = plotter.Find(
-        recording, f, &candidates, ground, 0.0, [](const Eigen::Vector3f&) { return 0.0; }, config);
+        recording, f, &candidates, ground, 0.0, [](const Eigen::Vector3f&) { return StrayRate(); },
+        config);
     for (std::size_t p = 0; p < found.plots.size(); ++p) {
       const IndexView returns = plotter.ReturnsOf(p);
       plots.push_back(found.plots[p]);

@@ -78,14 +78,9 @@ bool LiveScene::Take(LoadedFrame* frame) {
     learning_since_ns_ = station.begin_ns;
   }
   for (Eigen::Vector3f& point_m : frame->points_m) point_m -= station.viewpoint_m;
-  station.scene.Learn(frame->points_m, bin, info.carrier);
-  const auto enqueue = [&] {
-    auto& [waiting, its_bin] = waiting_.Append();
-    std::swap(waiting, *frame);
-    its_bin = bin;
-  };
+  station.scene.Learn(frame->points_m, bin, info.carrier, &voxels_);
   if (!is_warm_) {
-    enqueue();
+    Enqueue(bin, frame);
     if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
     return false;
   }
@@ -94,8 +89,21 @@ bool LiveScene::Take(LoadedFrame* frame) {
     return false;
   }
   Refit();
-  enqueue();
+  Enqueue(bin, frame);
   return true;
+}
+
+// Many frames wait during the warm-up: of each only what its plots need is kept.
+void LiveScene::Enqueue(std::int64_t bin, LoadedFrame* frame) {
+  WaitingFrame& waiting = waiting_.Append();
+  waiting.info = frame->info;
+  waiting.station = stations_.StationOf(frame->info.sensor);
+  waiting.bin = bin;
+  std::swap(waiting.points_m, frame->points_m);
+  std::swap(waiting.voxels, voxels_);
+  waiting.times_ns.clear();
+  waiting.times_ns.reserve(frame->times_ns.size());
+  for (const TimeNs time_ns : frame->times_ns) waiting.times_ns.push_back(time_ns);
 }
 
 void LiveScene::Close() {
@@ -147,11 +155,11 @@ void LiveScene::Refit() {
 }
 
 TimeNs LiveScene::MakePlots(const KnownTargets& targets) {
-  auto& [frame, bin] = waiting_.front();
+  WaitingFrame& frame = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
-  MakePlotsOf(&frame, bin, targets, &held_.Append());
+  MakePlotsOf(&frame, targets, &held_.Append());
   // The queue is never again as long as in the warm-up.
-  if (num_warm_up_frames_ > 0) frame = LoadedFrame();
+  if (num_warm_up_frames_ > 0) frame = WaitingFrame();
   waiting_.pop_front();
   if (num_warm_up_frames_ > 0 && --num_warm_up_frames_ == 0) AddLookahead();
   return middle_ns;
@@ -172,13 +180,12 @@ void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
   for (const LivePlot& seen : frame.plots) station->clutter.Add(seen.plot, frame.bin);
 }
 
-void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
-                            SceneFrame* held) {
-  Station& station = StationOf(loaded->info.sensor);
-  std::swap(frame_.points_m, loaded->points_m);
-  frame_.times_ns.clear();
-  for (const TimeNs time_ns : loaded->times_ns) frame_.times_ns.push_back(time_ns);
-  frame_.frames.assign(1, loaded->info);
+void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, SceneFrame* held) {
+  const std::int64_t bin = waiting->bin;
+  Station& station = scenes_[waiting->station];
+  std::swap(frame_.points_m, waiting->points_m);
+  std::swap(frame_.times_ns, waiting->times_ns);
+  frame_.frames.assign(1, waiting->info);
   frame_.frames[0].first_return = 0;
   frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
@@ -189,7 +196,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
   };
   // By reference: a std::function would copy the lambda to the heap.
   FramePlots& found =
-      station.scene.FindPlots(bin, waiting_.size() == 1, std::cref(is_known_target), &frame_);
+      station.scene.FindPlots(bin, waiting->voxels, std::cref(is_known_target), &frame_);
   held->info = frame_.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
@@ -211,7 +218,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
       seen.plot.place_rate = station.scene.occupancy().RateAround(
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }
-    std::optional<std::int64_t> dwell_begin_bin = bin;
+    std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
       seen.scatter_m2 += d * d.transpose();

@@ -4,14 +4,16 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "base/queue.hpp"
+#include "base/recording.hpp"
+#include "base/time_list.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_plot.hpp"
 #include "scene/clutter.hpp"
 #include "scene/floating.hpp"
+#include "scene/shell_table.hpp"
 #include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
 #include "tracking/rejection.hpp"
@@ -66,7 +68,7 @@ class LiveScene {
   std::size_t num_waiting() const { return waiting_.size(); }
 
   // Middle of the next waiting frame, since the start of the first frame; one must be waiting.
-  double NextTimeS() const { return SecondsOf(waiting_.front().first.info.middle_ns()); }
+  double NextTimeS() const { return SecondsOf(waiting_.front().info.middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
   // be warm and a frame must be waiting. `targets`: at NextTimeS().
@@ -84,7 +86,15 @@ class LiveScene {
   void Sweep(std::uint32_t newest_bin);
 
  private:
-  using BinnedFrame = std::pair<LoadedFrame, std::int64_t>;  // with its time bin
+  // A frame that was learned and waits for its plots.
+  struct WaitingFrame {
+    FrameInfo info;
+    std::size_t station = 0;  // that learned it: the sensor may have been replaced since
+    std::int64_t bin = 0;
+    std::vector<Eigen::Vector3f> points_m;
+    TimeList times_ns;
+    OwnVoxels voxels;
+  };
 
   // State of one station, relative to its viewpoint.
   struct Station {
@@ -122,8 +132,8 @@ class LiveScene {
   void WarmUp();
   void WarmUpLate(Station* station);
   void Refit();
-  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
-                   SceneFrame* held);
+  void Enqueue(std::int64_t bin, LoadedFrame* frame);
+  void MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, SceneFrame* held);
   void AddLookahead();
   static void AddToClutter(const SceneFrame& frame, Station* station);
   void RemoveBodies(SceneFrame* frame);
@@ -151,7 +161,8 @@ class LiveScene {
   bool are_grounds_new_ = false;  // supports are due
 
   // Frames in progress.
-  Queue<BinnedFrame> waiting_;
+  OwnVoxels voxels_;  // of the frame learned last
+  Queue<WaitingFrame> waiting_;
   Queue<SceneFrame> held_;              // not yet judged; plots are relative to the viewpoint
   std::uint32_t num_frames_ = 0;        // with plots
   std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait

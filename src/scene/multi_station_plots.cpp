@@ -62,7 +62,7 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
   }
   Station& station = scenes_[stations_.StationOf(frame.sensor)];
   FramePlots& found =
-      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), false, nullptr, &frame_);
+      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), {}, nullptr, &frame_);
   num_unexplained_ += station.scene.num_unexplained();
   for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
   const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));

@@ -36,21 +36,23 @@ Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
       frame_counts_(RecentBins::kWindow, 0),
       places_(config.place) {}
 
-void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
+void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier,
+                         OwnVoxels* voxels) {
   CountFrame(bin);
   occlusion_.Add(points_m, bin, carrier);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
   Place unknown;
   unknown.bin = newest_;
-  places_.VisitOverlappingShells(points_m, unknown, [&](std::size_t i, Place& place, bool is_own) {
+  const auto add = [&](std::size_t i, Place& place, bool is_own) {
     if (place.bin != newest_) Age(&place);
     ++place.num_returns;
     if (place.hits.Contains(static_cast<int>(age))) return;
     place.hits.Insert(static_cast<int>(age));
     place.point_m = points_m[i];
     place.is_own = is_own;
-  });
+  };
+  places_.VisitOverlappingShells(points_m, unknown, add, voxels);
 }
 
 void Occupancy::CountFrame(std::int64_t bin) {
@@ -184,7 +186,7 @@ bool Occupancy::IsValid(const Place& place, std::int64_t bin) const {
          observed_.Size() > kSettledBins && ChanceOf(place) / kKeptBins % kJudgingTurns >= turns_;
 }
 
-void Occupancy::Judge(PointsView points_m, std::int64_t bin, bool is_newest, int scene,
+void Occupancy::Judge(PointsView points_m, std::int64_t bin, const OwnVoxels& voxels, int scene,
                       const FloatsIn& floats, const IsTargetSince& is_target,
                       std::vector<Verdict>* verdicts) {
   Verdict structure;
@@ -192,11 +194,9 @@ void Occupancy::Judge(PointsView points_m, std::int64_t bin, bool is_newest, int
   verdicts->assign(points_m.size(), structure);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
-  const auto judge = [&](std::size_t i, Place& place) {
+  places_.VisitOwn(points_m, voxels, [&](std::size_t i, Place& place) {
     (*verdicts)[i] = JudgeAt(&place, points_m[i], bin, scene, floats, is_target);
-  };
-  if (is_newest && places_.VisitOwnAgain(judge)) return;
-  places_.VisitOwn(points_m, judge);
+  });
 }
 
 Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point_m,
@@ -242,7 +242,9 @@ void Occupancy::JudgeAll() {
 
 void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
   points_m->clear();
-  AppendReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
+  places_.VisitAll([&](const Place& place) {
+    if (place.is_own && place.is_structure) points_m->push_back(place.point_m);
+  });
 }
 
 // Structure by evidence, or by want of it where the place was hit for most of the time.
@@ -252,25 +254,20 @@ bool Occupancy::Lasts(const Place& place) const {
 
 // In the first seconds a place with few hits may be a pole. A place that an object has left is no
 // longer hit.
-std::size_t Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
+void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m,
+                              std::vector<char>* are_lasting) const {
   points_m->clear();
-  AppendReturnsOf([this](const Place& place) { return Lasts(place); }, points_m);
-  const std::size_t num_lasting = points_m->size();
+  are_lasting->clear();
   const bool is_young = observed_.Size() < kYoungBins;
-  const auto is_other = [&](const Place& place) {
-    if (Lasts(place)) return false;
-    if (!is_young || place.is_structure) return place.is_supporter;
-    return newest_ - place.bin + place.hits.Youngest() <= max_break_;
-  };
-  AppendReturnsOf(is_other, points_m);
-  return num_lasting;
-}
-
-template <class IsWanted>
-void Occupancy::AppendReturnsOf(const IsWanted& is_wanted,
-                                std::vector<Eigen::Vector3f>* points_m) const {
   places_.VisitAll([&](const Place& place) {
-    if (place.is_own && is_wanted(place)) points_m->push_back(place.point_m);
+    if (!place.is_own) return;
+    const bool is_supporter = is_young && !place.is_structure
+                                  ? newest_ - place.bin + place.hits.Youngest() <= max_break_
+                                  : place.is_supporter;
+    const bool lasts = Lasts(place);
+    if (!is_supporter && !lasts) return;
+    points_m->push_back(place.point_m);
+    are_lasting->push_back(lasts ? 1 : 0);
   });
 }
 

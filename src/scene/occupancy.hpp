@@ -32,7 +32,7 @@ class Occupancy {
     bool floats = false;                          // unsupported structure
     float place_rate = 0.0F;                      // see PlaceRate in method.md (3); 0 of structure
     float stray_rate = 0.0F;                      // of structure that strays explain; otherwise 0
-    std::optional<std::int64_t> dwell_begin_bin;  // first bin of the dwell, if known
+    std::optional<std::int32_t> dwell_begin_bin;  // first bin of the dwell, if known
   };
 
   // True if a place is unsupported. Called at most once for each place and scene.
@@ -44,13 +44,15 @@ class Occupancy {
   // `knows_strays`: UsualStrayRate() is estimated, otherwise it is 0.
   explicit Occupancy(const BackgroundConfig& config, bool knows_strays = true);
 
-  // Adds a frame. Bins count up; frames may come out of order by a few bins.
-  void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {});
+  // Adds a frame. Bins count up; frames may come out of order by a few bins. Sets `voxels`, if any,
+  // for Judge().
+  void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {},
+                OwnVoxels* voxels = nullptr);
 
-  // Judges each return measured in `bin`; outside the window it is structure. `is_newest`: the
-  // returns are those of the last AddFrame(), all of them and in their order, so that their voxels
-  // need not be looked up. `scene`: number of the scene that `floats` refers to.
-  void Judge(PointsView points_m, std::int64_t bin, bool is_newest, int scene,
+  // Judges each return measured in `bin`; outside the window it is structure. `voxels`: those of
+  // AddFrame(), which need not be looked up then, or none. `scene`: number of the scene that
+  // `floats` refers to.
+  void Judge(PointsView points_m, std::int64_t bin, const OwnVoxels& voxels, int scene,
              const FloatsIn& floats, const IsTargetSince& is_target,
              std::vector<Verdict>* verdicts);
 
@@ -81,10 +83,10 @@ class Occupancy {
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
 
   // Sets one return for each possible support: structure and places hit at least half as often, in
-  // several bins outside their dwells; in the first seconds, any that are still being hit. First
-  // come those that last, as seen at other times or most of the time; returns their number. The
-  // others may be places where a target was.
-  std::size_t GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
+  // several bins outside their dwells; in the first seconds, any that are still being hit; and
+  // whether it lasts, as seen at other times or most of the time. The others may be places where a
+  // target was.
+  void GetSupporters(std::vector<Eigen::Vector3f>* points_m, std::vector<char>* are_lasting) const;
 
   const FieldOfView& field_of_view() const { return occlusion_.field_of_view(); }
 
@@ -136,8 +138,6 @@ class Occupancy {
   bool IsValid(const Place& place, std::int64_t bin) const;
   static int ChanceOf(const Place& place);
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
-  template <class IsWanted>
-  void AppendReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
 
   BackgroundConfig config_;
   bool knows_strays_;

@@ -17,6 +17,12 @@
 
 namespace unlidar {
 
+// Numbers of the voxels of some points, each in its own shell: valid until voxels are erased.
+struct OwnVoxels {
+  std::vector<std::uint32_t> numbers;  // (points)
+  std::uint32_t num_erasures = 0;      // of the table until then
+};
+
 // One value per voxel. A neighbourhood is the block of 3 x 3 x 3 voxels around a point; the voxel
 // edge is 2/3 of the radius, so that the block extends 2/3 to 4/3 of the radius from the point.
 // Radii grow by sqrt(2) from one range shell to the next. A point near the border of two shells has
@@ -43,10 +49,14 @@ class ShellTable {
 
   // Calls visit(i, value, is_own) for the voxel of each point i in each shell whose neighbourhoods
   // may reach it; `is_own` is true for the point's own shell. New voxels are set to `initial`.
-  // Voxels are prefetched.
+  // Voxels are prefetched. Sets `own`, if any, to those in the own shells.
   template <class Visit>
-  void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
-    own_numbers_.clear();
+  void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit,
+                              OwnVoxels* own = nullptr) {
+    if (own != nullptr) {
+      own->numbers.resize(points_m.size());
+      own->num_erasures = num_erasures_;
+    }
     const auto touch = [&](std::size_t i) {
       VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
         Touch(i, shell, key, is_own);
@@ -57,16 +67,20 @@ class ShellTable {
         [&](Touched& touched) {
           touched.number = numbers_.FindOrAdd(touched.shell, touched.key, touched.hash);
           if (touched.number == values_.size()) values_.push_back(initial);
-          if (touched.is_own) own_numbers_.push_back(touched.number);
+          if (touched.is_own && own != nullptr) own->numbers[touched.point] = touched.number;
         },
         [&](const Touched& touched) {
           visit(touched.point, values_[touched.number], touched.is_own);
         });
   }
 
-  // Calls visit(i, value) for each point i whose own voxel is known; voxels are prefetched.
+  // Calls visit(i, value) for each point i whose own voxel is known; voxels are prefetched. Those
+  // of `own`, if it is still valid, need not be looked up.
   template <class Visit>
-  void VisitOwn(PointsView points_m, const Visit& visit) {
+  void VisitOwn(PointsView points_m, const OwnVoxels& own, const Visit& visit) {
+    if (own.numbers.size() == points_m.size() && own.num_erasures == num_erasures_) {
+      return VisitKnown(own.numbers, visit);
+    }
     const auto touch = [&](std::size_t i) {
       const Home home = HomeOf(points_m[i]);
       Touch(i, home.shell, home.key, true);
@@ -77,18 +91,6 @@ class ShellTable {
           touched.number = numbers_.Find(touched.shell, touched.key, touched.hash);
         },
         [&](const Touched& touched) { visit(touched.point, values_[touched.number]); });
-  }
-
-  // Same for all points of the last VisitOverlappingShells(), whose voxels need not be looked up
-  // again. Returns false if voxels were erased since.
-  template <class Visit>
-  bool VisitOwnAgain(const Visit& visit) {
-    for (std::size_t begin = 0; begin < own_numbers_.size(); begin += kPartSize) {
-      const std::size_t end = std::min(begin + kPartSize, own_numbers_.size());
-      for (std::size_t i = begin; i < end; ++i) PrefetchValue(own_numbers_[i]);
-      for (std::size_t i = begin; i < end; ++i) visit(i, values_[own_numbers_[i]]);
-    }
-    return !own_numbers_.empty();
   }
 
   // Returns the number of the voxel of a point in its own shell; VoxelNumbers::kNone if it is not
@@ -151,7 +153,7 @@ class ShellTable {
     }
     if (kept == values_.size()) return;
     values_.erase(values_.begin() + kept, values_.end());
-    own_numbers_.clear();
+    ++num_erasures_;
     numbers_.Renumber(moved_, kept);
   }
 
@@ -231,6 +233,16 @@ class ShellTable {
     }
   }
 
+  // Calls visit(i, value) for the voxel of each point i.
+  template <class Visit>
+  void VisitKnown(const std::vector<std::uint32_t>& numbers, const Visit& visit) {
+    for (std::size_t begin = 0; begin < numbers.size(); begin += kPartSize) {
+      const std::size_t end = std::min(begin + kPartSize, numbers.size());
+      for (std::size_t i = begin; i < end; ++i) PrefetchValue(numbers[i]);
+      for (std::size_t i = begin; i < end; ++i) visit(i, values_[numbers[i]]);
+    }
+  }
+
   // Calls visit(shell, key, is_own) for the voxel of a point in each shell with a place near
   // enough.
   template <class Visit>
@@ -260,10 +272,10 @@ class ShellTable {
 
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
-  std::vector<Value> values_;               // by number
-  std::vector<std::uint32_t> moved_;        // new number of each voxel, during EraseIf()
-  std::vector<Touched> touched_;            // by a part of the points
-  std::vector<std::uint32_t> own_numbers_;  // of the points visited last
+  std::vector<Value> values_;         // by number
+  std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
+  std::vector<Touched> touched_;      // by a part of the points
+  std::uint32_t num_erasures_ = 0;    // so far
 };
 
 }  // namespace unlidar

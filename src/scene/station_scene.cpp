@@ -24,8 +24,9 @@ StationScene::StationScene(const RobustConfig& config)
       occupancy_(config.background, config.Uses(Rule::kStrays)),
       support_(Ground(), config.support) {}
 
-void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
-  occupancy_.AddFrame(points_m, bin, carrier);
+void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier,
+                         OwnVoxels* voxels) {
+  occupancy_.AddFrame(points_m, bin, carrier, voxels);
   watched_.AddFrame(points_m, carrier);
   if (is_fitted()) return;
   const std::size_t count = std::min(points_m.size(), kElevationReturns - first_returns_m_.size());
@@ -47,13 +48,13 @@ void StationScene::FitGround() {
 }
 
 void StationScene::FillSupport() {
-  const std::size_t num_lasting = occupancy_.GetSupporters(&structure_m_);
-  support_.Fill(structure_m_, num_lasting, occupancy_.field_of_view().Edges());
+  occupancy_.GetSupporters(&structure_m_, &are_lasting_);
+  support_.Fill(structure_m_, are_lasting_, occupancy_.field_of_view().Edges());
   watched_.Update();
   ++num_fits_;
 }
 
-FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
+FramePlots& StationScene::FindPlots(std::int64_t bin, const OwnVoxels& voxels,
                                     const Occupancy::IsTargetSince& is_target, Recording* frame) {
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return support_.IsFloating(point_m);
@@ -61,7 +62,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
   const bool keeps_stray_groups = config_->Uses(Rule::kStrayGroups);
   candidates_.clear();
   std::vector<Eigen::Vector3f>& points_m = frame->points_m;
-  occupancy_.Judge(points_m, bin, is_newest, num_fits_, floats, is_target, &verdicts_);
+  occupancy_.Judge(points_m, bin, voxels, num_fits_, floats, is_target, &verdicts_);
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.
@@ -74,7 +75,9 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
   // Ranges, with which radii grow, are those from the present place of the LiDAR from here on.
   const CarrierPose& carrier = frame->frames[0].carrier;
   const Eigen::Vector3f shift_m = carrier.shift_m;
-  for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
+  if (shift_m != Eigen::Vector3f::Zero()) {
+    for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
+  }
   DropStrays(points_m);
   num_unexplained_ = candidates_.size();
   const auto stray_rate_at = [&](const Eigen::Vector3f& point_m) {

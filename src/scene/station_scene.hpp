@@ -10,6 +10,7 @@
 #include "scene/ground.hpp"
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
+#include "scene/shell_table.hpp"
 #include "scene/support.hpp"
 #include "scene/watched_elevations.hpp"
 #include "unlidar/config.hpp"
@@ -23,8 +24,10 @@ class StationScene {
   // `config` must outlive it.
   explicit StationScene(const RobustConfig& config);
 
-  // Learns from a frame, whose bin is not before that of earlier ones by more than a few.
-  void Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier);
+  // Learns from a frame, whose bin is not before that of earlier ones by more than a few. Sets
+  // `voxels`, if any, for FindPlots().
+  void Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier,
+             OwnVoxels* voxels = nullptr);
 
   // Fits ground and support to the places learned so far.
   void Fit();
@@ -39,8 +42,8 @@ class StationScene {
   // Returns the plots and bodies of a frame that was learned, the only one of `frame`; valid until
   // the next call. Sets the place rates of the plots, and makes the returns of the frame relative
   // to its own viewpoint.
-  FramePlots& FindPlots(std::int64_t bin, bool is_newest, const Occupancy::IsTargetSince& is_target,
-                        Recording* frame);
+  FramePlots& FindPlots(std::int64_t bin, const OwnVoxels& voxels,
+                        const Occupancy::IsTargetSince& is_target, Recording* frame);
 
   // Of that frame: the returns of a plot, the verdicts on all returns, and the number of those that
   // may belong to plots or bodies.
@@ -68,7 +71,8 @@ class StationScene {
   WatchedElevations watched_;
   Support support_;  // and ground, as of the last fit
   int num_fits_ = 0;
-  std::vector<Eigen::Vector3f> structure_m_;  // buffer of fits
+  std::vector<Eigen::Vector3f> structure_m_;  // buffers of fits
+  std::vector<char> are_lasting_;
   // Of the last frame whose plots were found.
   FramePlotter plotter_;
   std::vector<Occupancy::Verdict> verdicts_;  // (returns)

@@ -25,25 +25,26 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 Support::Support(Ground ground, const SupportConfig& config)
     : ground_(std::move(ground)), config_(config), depth_(kHidingCellDeg) {}
 
-void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
+void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_lasting,
                    const ElevationRange& view) {
   view_ = view;
   depth_.Fill(supports_m);
   seen_.Clear();
   thinned_m_.clear();
   cell_of_.clear();
+  lasts_.clear();
   cells_.Clear();
   first_.clear();
-  std::size_t num_thinned_lasting = 0;
   for (std::size_t i = 0; i < supports_m.size(); ++i) {
     const Eigen::Vector3f& point_m = supports_m[i];
     const std::uint32_t number = seen_.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
     if (number < thinned_m_.size()) {
       if (IsBefore(point_m, thinned_m_[number])) thinned_m_[number] = point_m;  // in the same cell
+      if (are_lasting[i] != 0) lasts_[number] = 1;
       continue;
     }
     thinned_m_.push_back(point_m);
-    if (i < num_lasting) ++num_thinned_lasting;
+    lasts_.push_back(are_lasting[i]);
     cell_of_.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
     if (cell_of_.back() == first_.size()) first_.push_back(0);
     ++first_[cell_of_.back()];
@@ -55,7 +56,7 @@ void Support::Fill(const PointsView& supports_m, std::size_t num_lasting,
   for (std::size_t i = points_m_.size(); i-- > 0;) {
     const std::uint32_t at = --first_[cell_of_[i]];
     points_m_[at] = thinned_m_[i];
-    are_lasting_[at] = i < num_thinned_lasting ? 1 : 0;
+    are_lasting_[at] = lasts_[i];
   }
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }

@@ -36,10 +36,11 @@ class Support {
   // Starts without structure.
   Support(Ground ground, const SupportConfig& config);
 
-  // Replace ground and possible supports, of which the first `num_lasting` are no places of a
-  // target (Occupancy::GetSupporters); reuse the allocated memory.
+  // Replace ground and possible supports. `are_lasting` (supports): false where a target may have
+  // been (Occupancy::GetSupporters). Reuse the allocated memory.
   void FitGround(const PointsView& structure_m) { ground_.Fit(structure_m); }
-  void Fill(const PointsView& supports_m, std::size_t num_lasting, const ElevationRange& view);
+  void Fill(const PointsView& supports_m, const std::vector<char>& are_lasting,
+            const ElevationRange& view);
 
   const Ground& ground() const { return ground_; }
 
@@ -70,6 +71,7 @@ class Support {
   VoxelNumbers seen_;
   std::vector<Eigen::Vector3f> thinned_m_;  // structure, one point per voxel
   std::vector<std::uint32_t> cell_of_;      // of each of these
+  std::vector<char> lasts_;                 // whether a lasting one is in its voxel
 };
 
 }  // namespace unlidar

@@ -18,7 +18,7 @@ inline Ground GroundOf(const PointsView& points_m) {
 inline Support SupportBy(const PointsView& structure_m, const Ground& ground,
                          const SupportConfig& config, const ElevationRange& view = {}) {
   Support support(ground, config);
-  support.Fill(structure_m, structure_m.size(), view);
+  support.Fill(structure_m, std::vector<char>(structure_m.size(), 1), view);
   return support;
 }
 

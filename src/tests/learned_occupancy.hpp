@@ -19,7 +19,7 @@ inline Occupancy::Verdict JudgeOne(Occupancy* occupancy, const Eigen::Vector3f& 
                                    std::int64_t bin,
                                    const Occupancy::IsTargetSince& is_target = nullptr) {
   std::vector<Occupancy::Verdict> verdicts;
-  occupancy->Judge(std::vector<Eigen::Vector3f>{point_m}, bin, false, 0, NeverFloats, is_target,
+  occupancy->Judge(std::vector<Eigen::Vector3f>{point_m}, bin, {}, 0, NeverFloats, is_target,
                    &verdicts);
   return verdicts.front();
 }

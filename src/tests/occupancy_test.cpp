@@ -48,7 +48,8 @@ class OccupancyTest : public ::testing::Test {
 
   std::vector<Eigen::Vector3f> Supporters() const {
     std::vector<Eigen::Vector3f> points_m;
-    occupancy_.GetSupporters(&points_m);
+    std::vector<char> are_lasting;
+    occupancy_.GetSupporters(&points_m, &are_lasting);
     return points_m;
   }
 

@@ -69,7 +69,7 @@ void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime
   }
 }
 
-// Predicts all leaves and sets the best association of each plot and model.
+// Predicts all leaves, sets their current scores and the best association of each plot and model.
 void TrackFollower::Associate(const std::vector<LivePlot>& plots,
                               const std::vector<char>& is_allowed, const FrameTime& at) {
   const std::size_t num_models = models_->size();
@@ -77,11 +77,14 @@ void TrackFollower::Associate(const std::vector<LivePlot>& plots,
   associations.assign(plots.size() * num_models, Association());
   scratch_.predictions.clear();
   for (std::size_t leaf = 0; leaf < leaves_.size(); ++leaf) {
-    const Node& node = NodeAt(leaves_[leaf]);
+    Node& node = NodeAt(leaves_[leaf]);
     const TrackModel& model = (*models_)[node.model];
     const double dt_s = at.time_s - node.h.time_s;
     const Motion motion = model.MotionOver(dt_s);
-    const Prediction p = model.Predict(node.h, model.PredictedScore(node.h, at), motion, at);
+    node.current_score = model.ScoreAfterMisses(node.h, at);
+    const double predicted_score =
+        at.sensor == node.h.sensor ? node.current_score : model.PredictedScore(node.h, at);
+    const Prediction p = model.Predict(node.h, predicted_score, motion, at);
     scratch_.predictions.emplace_back(motion, p);
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (!is_allowed[i]) continue;
@@ -100,12 +103,13 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
                            const FrameTime& at) {
   Associate(plots, is_allowed, at);
   const std::size_t num_models = models_->size();
-  std::vector<std::int32_t>& next = scratch_.leaves;
+  std::vector<std::pair<double, std::int32_t>>& next = scratch_.ranking;
   next.clear();
   for (const std::int32_t leaf : leaves_) {
-    Node& node = NodeAt(leaf);
-    node.current_score = (*models_)[node.model].ScoreAfterMisses(node.h, at);
-    if (at.time_s - node.h.time_s <= tracker_.max_gap_s) next.push_back(leaf);
+    const Node& node = NodeAt(leaf);
+    if (at.time_s - node.h.time_s <= tracker_.max_gap_s) {
+      next.emplace_back(-node.current_score, leaf);
+    }
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {
     bool is_taken = false;
@@ -133,18 +137,15 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       node.current_score = node.h.score;
       const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
       if (is_confirmed) node.confirmed = index_of_node;
-      next.push_back(index_of_node);
+      next.emplace_back(-node.current_score, index_of_node);
       nodes_.push_back(node);
     }
   }
   if (next.empty()) return;  // no hypothesis is left: the track ends
-  std::sort(next.begin(), next.end(), [&](std::int32_t a, std::int32_t b) {
-    const double score_a = NodeAt(a).current_score;
-    const double score_b = NodeAt(b).current_score;
-    return score_a > score_b || (score_a == score_b && a < b);
-  });
+  std::sort(next.begin(), next.end());
   next.resize(std::min(next.size(), max_hypotheses_));
-  std::swap(leaves_, next);
+  leaves_.clear();
+  for (const auto& [negated_score, leaf] : next) leaves_.push_back(leaf);
 }
 
 void TrackFollower::AddPlot(const LivePlot& seen, const FrameTime& at) {

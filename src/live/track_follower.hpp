@@ -93,7 +93,7 @@ class TrackFollower {
   struct Scratch {
     std::vector<Association> associations;                   // (plots, models)
     std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves_)
-    std::vector<std::int32_t> leaves;                        // of the next frame
+    std::vector<std::pair<double, std::int32_t>> ranking;    // of the next leaves: (-score, leaf)
     std::vector<std::int32_t> moved;                         // (nodes) new indices
   };
 

@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <utility>
 
+#include "scene/occupancy.hpp"
+
 namespace unlidar {
 namespace {
 
 constexpr double kBodyHoldS = 0.1;  // plots wait for bodies beside them
-// Waiting frames of the warm-up processed with each new frame.
+// Waiting frames of the warm-up processed with each new frame, and with a large one.
 constexpr std::size_t kBacklogPerFrame = 3;
+constexpr std::size_t kBacklogPerLargeFrame = 2;
 constexpr double kCleanUpIntervalS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // maximum age of plots of unconfirmed paths
 
@@ -31,8 +34,9 @@ void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
 void LiveTracker::Take(LoadedFrame* frame) {
   tracks_.AddInstants(frame->info);
   const bool was_warm = is_warm();
+  const bool is_large = frame->points_m.size() > kManyReturns;
   if (scene_.Take(frame)) {
-    MakePlots(kBacklogPerFrame);
+    MakePlots(is_large ? kBacklogPerLargeFrame : kBacklogPerFrame);
   } else if (was_warm && trace_.is_on()) {
     trace_.AddUnsearched(search_.SensorAt(frame->info.sensor), frame->info, frame->points_m.size());
   }

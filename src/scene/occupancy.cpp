@@ -38,6 +38,7 @@ Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
 
 void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier,
                          OwnVoxels* voxels) {
+  has_many_returns_ = points_m.size() > kManyReturns;
   CountFrame(bin);
   occlusion_.Add(points_m, bin, carrier);
   const std::int64_t age = newest_ - bin;
@@ -169,8 +170,11 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   if (is_among_strays) place->place_rate = static_cast<float>(rate);
   place->valid_until = newest_;
   // Structure is judged again after some bins. Most places begin together, so the first time is
-  // drawn at random; otherwise all of them would be judged in one bin.
-  if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
+  // drawn at random; otherwise all of them would be judged in one bin. In large frames that begins
+  // early with what has been there throughout: nothing tells more about it until it goes.
+  const bool is_throughout = num_in_dwell == num_observed && !place->is_behind_strays;
+  const bool is_settled = num_observed >= kSettledBins || (has_many_returns_ && is_throughout);
+  if ((place->is_structure || is_among_strays) && is_settled) {
     const bool is_first = place->is_structure && (!was_structure || num_observed == kSettledBins);
     place->valid_until += is_first ? ChanceOf(*place) % kKeptBins : kKeptBins - 1;
   }
@@ -183,7 +187,8 @@ bool Occupancy::IsValid(const Place& place, std::int64_t bin) const {
   if (bin < place.dwell_first || bin > place.dwell_last + max_break_ + 1) return false;
   if (newest_ <= place.valid_until) return true;
   return place.is_structure && !place.is_behind_strays && newest_ == place.valid_until + 1 &&
-         observed_.Size() > kSettledBins && ChanceOf(place) / kKeptBins % kJudgingTurns >= turns_;
+         (observed_.Size() > kSettledBins || (has_many_returns_ && place.is_unknown)) &&
+         ChanceOf(place) / kKeptBins % kJudgingTurns >= turns_;
 }
 
 void Occupancy::Judge(PointsView points_m, std::int64_t bin, const OwnVoxels& voxels, int scene,

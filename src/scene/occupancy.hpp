@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -21,6 +22,9 @@ inline constexpr double kMaxStrayRate = 0.2;
 
 // Strays may explain the returns of a place if their rate exceeds this share of its own.
 inline constexpr double kMinStrayShare = 0.5;
+
+// A frame of more returns takes so long that what may wait is left to the next ones.
+inline constexpr std::size_t kManyReturns = 50'000;
 
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
@@ -147,6 +151,7 @@ class Occupancy {
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these
   int turns_ = 0;                            // of the newest bin that have come
+  bool has_many_returns_ = false;            // the last frame has more than kManyReturns
   Occlusion occlusion_;
   ShellTable<Place> places_;
 };

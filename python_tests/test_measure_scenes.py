@@ -78,6 +78,18 @@ def test_as_many_returns_as_asked_for_come_within_the_field_of_view(scene, tmp_p
         assert len(np.unique(times)) > len(times) / 20
 
 
+def test_gusts_are_those_of_all_lidars_and_have_the_mean_of_the_calm() -> None:
+    gusty, calm = weather_of("gusty-rain:300"), weather_of("rain:300")
+    assert str(gusty) == "gusty rain 300"
+    stamps_ns = range(0, 600_000_000_000, 100_000_000)
+    strengths = np.array([gusty.strength(stamp_ns, 1) for stamp_ns in stamps_ns])
+    assert strengths.mean() == pytest.approx(1.0, abs=0.1)
+    assert strengths.min() < 0.3
+    assert strengths.max() > 3.0
+    assert gusty.strength(0, 2) != strengths[0]
+    assert calm.strength(0, 1) == 1.0
+
+
 def test_dense_fog_hides_what_is_far(scene, tmp_path) -> None:
     clear, _ = with_weather(scene, "clear", tmp_path / "clear")
     fog, _ = with_weather(scene, "fog:1:20", tmp_path / "fog")

@@ -41,7 +41,14 @@ from unlidar_bench.results import (
     report,
     report_changes,
 )
-from unlidar_bench.weather import DIRTY_SHARE, KINDS, VISIBILITY_M, Weather, weather_of
+from unlidar_bench.weather import (
+    DIRTY_SHARE,
+    GUSTY,
+    KINDS,
+    VISIBILITY_M,
+    Weather,
+    weather_of,
+)
 
 
 def track(
@@ -126,7 +133,7 @@ def arguments_of() -> argparse.Namespace:
                         "KIND:RETURNS[:AMOUNT] with the mean number of returns a frame of each "
                         f"LiDAR; {', '.join(KINDS)}; the amount is the visibility "
                         f"in fog ({VISIBILITY_M:g} m) or the dirty share of the window "
-                        f"({DIRTY_SHARE:g})")  # fmt: skip
+                        f"({DIRTY_SHARE:g}); {GUSTY} before a kind: in gusts")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of the weather (1)")
     parser.add_argument("--modes", nargs="+", choices=MODES, default=MODES)
     parser.add_argument("--without", nargs="+", default=[], metavar="RULE", help="and once more "

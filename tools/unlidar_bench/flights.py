@@ -72,7 +72,8 @@ def put_weather(
         for index, frame in enumerate(frames):
             fields, xyz_m = cloud_of(frame.path, read_pcd(frame.path))
             if air is not None:
-                left, strays, likes = air.into(xyz_m, index)
+                strength = weather.strength(frame.stamp_ns, seed)
+                left, strays, likes = air.into(xyz_m, index, strength)
                 cloud_m = np.concatenate([xyz_m[left], strays])
                 rest = {
                     key: np.append(column[left], np.append(column, column.dtype.type(0))[likes])

@@ -23,6 +23,8 @@ from unlidar.simulate.weather import Draw, Window, fog_transmission, stray_kinds
 
 KINDS = ("sun", "rain", "fog", "snow", "dirt")
 VISIBILITY_M, DIRTY_SHARE = 100.0, 0.3  # where no amount is stated
+GUSTY = "gusty-"  # before a kind whose returns come in gusts
+_GUST_PERIODS_S, _GUST_SPREAD = np.array([5.0, 9.0, 17.0]), 0.8  # the latter of the logarithm
 _ECHO = 0.1  # of whatever fog or dirt weakens: what the data sheets state the range of
 _SAMPLED_FRAMES, _SAMPLED_RETURNS = 20, 200_000
 _SURFACE_RAD, _SURFACE_RETURNS = 0.0175, 8  # so many sampled returns within a degree stop a ray
@@ -37,6 +39,16 @@ class Weather:
     kind: str
     returns: float = 0.0
     amount: float = 0.0  # visibility in m, or dirty share of the window
+    is_gusty: bool = False
+
+    def strength(self, stamp_ns: int, seed: int) -> float:
+        """How many times the mean number of returns a frame has, the same for all LiDARs."""
+        if not self.is_gusty:
+            return 1.0
+        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(_GUST_PERIODS_S))
+        waves = np.sin(2 * np.pi * 1e-9 * stamp_ns / _GUST_PERIODS_S + phases)
+        spread = _GUST_SPREAD * math.sqrt(2 / len(waves))
+        return float(np.exp(spread * waves.sum() - _GUST_SPREAD**2 / 2))
 
     def strays(self, model: SensorModel) -> list[tuple[float, Draw, bool]]:
         """As the simulator has them: mean number, ranges, whether through dirt."""
@@ -55,26 +67,29 @@ class Weather:
 
     def __str__(self) -> str:
         unit = {"fog": f", {self.amount:g} m", "dirt": f", {self.amount:g} of the window"}
-        return self.kind + (f" {self.returns:g}" if self.returns else "") + unit.get(self.kind, "")
+        kind = "gusty " * self.is_gusty + self.kind
+        return kind + (f" {self.returns:g}" if self.returns else "") + unit.get(self.kind, "")
 
 
 def weather_of(text: str) -> Weather:
-    """`KIND:RETURNS[:AMOUNT]`, or `clear`."""
-    kind, *numbers = text.split(":")
+    """`KIND:RETURNS[:AMOUNT]`, or `clear`; `gusty-` may stand before the kind."""
+    kind, *numbers = text.removeprefix(GUSTY).split(":")
+    is_gusty = text.startswith(GUSTY)
     try:
         values = [float(number) for number in numbers]
     except ValueError:
         values = []
     has_amount = kind in ("fog", "dirt")
-    if kind == "clear" and not numbers:
+    if kind == "clear" and not numbers and not is_gusty:
         return Weather(kind)
     if kind not in KINDS or not 1 <= len(values) <= 1 + has_amount or min(values) <= 0:
         raise argparse.ArgumentTypeError(
             f"'{text}', expected clear or {', '.join(KINDS)} with the returns a frame: rain:300; "
-            "fog:300:150 has a visibility of 150 m, dirt:300:0.8 covers 0.8 of the window"
+            "fog:300:150 has a visibility of 150 m, dirt:300:0.8 covers 0.8 of the window; "
+            f"{GUSTY}rain:300 has 300 in the mean"
         )
     default = VISIBILITY_M if kind == "fog" else DIRTY_SHARE
-    return Weather(kind, values[0], (*values[1:], default)[0] if has_amount else 0.0)
+    return Weather(kind, values[0], (*values[1:], default)[0] if has_amount else 0.0, is_gusty)
 
 
 class Air:
@@ -122,8 +137,8 @@ class Air:
         self._window = Window(weather.dirty_share, rng)
         self._half_spacing = math.sqrt(solid_angle / self._model.rays_per_frame) / 2
 
-    def into(self, xyz_m: np.ndarray, index: int) -> tuple[np.ndarray, ...]:
-        """What it makes of the returns (N, 3) of a frame.
+    def into(self, xyz_m: np.ndarray, index: int, strength: float = 1.0) -> tuple[np.ndarray, ...]:
+        """What it makes of the returns (N, 3) of a frame, with so many times its mean of strays.
 
         (N,) bool, those that are left; (K, 3) strays; and (K,) for each stray the return nearest in
         direction, to take the time and whatever else a file has from, -1 in an empty frame.
@@ -134,7 +149,7 @@ class Air:
         left = rng.random(len(xyz_m)) < self._passing(ranges_m, towards)
         strays, likes = [np.zeros((0, 3))], [np.zeros(0, dtype=int)]
         for mean, draw, is_on_window in self._weather.strays(self._model):
-            rays = self._rays(rng.poisson(mean), index)
+            rays = self._rays(rng.poisson(strength * mean), index)
             free_m = self._free_m(rays)
             like = np.full(len(rays), -1)
             is_own = np.zeros(len(rays), dtype=bool)

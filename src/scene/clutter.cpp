@@ -179,7 +179,8 @@ void ClutterMap::Forget(std::uint32_t before_bin) {
 ClutterModel::Sensor::Sensor() : spots(kSpotRadius) {}
 
 ClutterModel::ClutterModel(const RobustConfig& config)
-    : num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1) {}
+    : num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1),
+      knows_squalls_(config.Uses(Rule::kSurge)) {}
 
 void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint32_t count) {
   if (sensors_.size() <= sensor) sensors_.resize(sensor + 1);
@@ -219,7 +220,10 @@ void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t co
   sensor.num_plots += static_cast<std::uint32_t>(count);
 }
 
+// Log of how many times as many plots a frame has about a bin, but for kSwarmPlots, as at other
+// times. At least 0.
 double ClutterModel::LogSquall(std::uint32_t sensor, std::uint32_t bin) const {
+  if (!knows_squalls_) return 0.0;
   const FrameCount present = CountIn(sensor, {bin - std::min(bin, 1U), bin + 2});
   const FrameCount excluded = CountIn(sensor, ClutterMap::Excluded(bin));
   const Sensor& its = sensors_[sensor];

@@ -104,10 +104,6 @@ class ClutterModel {
   double SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
                          std::uint32_t num_excluded) const;
 
-  // Returns the log of how many times as many plots a frame has about a bin, but for kSwarmPlots,
-  // as at the times that tell of its clutter: strays come in squalls. At least 0.
-  double LogSquall(std::uint32_t sensor, std::uint32_t bin) const;
-
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
   // Rate of the spot of a plot, given the number of others there: method.md (3).
@@ -131,7 +127,8 @@ class ClutterModel {
   };
 
   // Returns the clutter intensity of a plot that was added, as far as it is known: a plot of a
-  // dwell is predicted by the others that were added so far.
+  // dwell is predicted by the others that were added so far. Strays come in squalls: it is as many
+  // times larger as a frame of its time has more plots than those that tell of the clutter.
   Intensity IntensityOf(const Plot& plot, std::uint32_t bin) const;
 
  private:
@@ -155,9 +152,11 @@ class ClutterModel {
 
   static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
   FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
+  double LogSquall(std::uint32_t sensor, std::uint32_t bin) const;
   void AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count);
 
   std::size_t num_levels_;
+  bool knows_squalls_;
   std::vector<Sensor> sensors_;
 };
 

@@ -64,7 +64,8 @@ void AppendCaptureRecord(const Datagram& datagram, const LivoxEndpoint& receiver
   PutBig(64U << 24U | 17U << 16U, 4, records);  // time to live, UDP
   PutBig(datagram.source, 4, records);
   PutBig(receiver.address, 4, records);
-  const std::uint16_t checksum = InternetChecksum(std::string_view(records).substr(ip_at));
+  const std::string_view written = records;
+  const std::uint16_t checksum = InternetChecksum(written.substr(ip_at));
   records[ip_at + 10] = static_cast<char>(checksum >> 8U);
   records[ip_at + 11] = static_cast<char>(checksum & 0xffU);
   PutBig(datagram.source_port, 2, records);

@@ -258,8 +258,8 @@ void LiveScene::RemoveBodies(SceneFrame* frame) {
   EraseIf(&plots, is_near_body);
 }
 
-// True if the number of plots has risen so much that the clutter model no longer holds, as when
-// rain begins, and not only begins again. Search resumes after another warm-up.
+// True if the number of plots has risen so far above all that the window has known that the clutter
+// model no longer holds, as when rain begins. Search resumes after another warm-up.
 bool LiveScene::IsSurge(const SceneFrame& frame) {
   if (rates_.size() <= frame.info.sensor) rates_.resize(frame.info.sensor + 1);
   PlotRate& rate = rates_[frame.info.sensor];

@@ -316,11 +316,12 @@ void LiveScene::JudgePlots(SceneFrame* frame, Station* station) {
   const Support& support = station->scene.support();
   const std::uint32_t num_recent_frames =
       clutter.NumFrames(frame->info.sensor, FloatingPlots::RecentBins(bin));
+  const bool is_squall = clutter.IsSquall(frame->info.sensor, bin);
   for (LivePlot& seen : frame->plots) {
     station->floating.Add(support, bin, num_recent_frames, &seen.plot);
     // The support may be hidden by fog.
     if (is_blinded_) seen.plot.is_floating = false;
-    const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin);
+    const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin, is_squall);
     seen.log_surrounding_clutter = intensity.log_surrounding;
     seen.plot.log_clutter = intensity.log_clutter;
   }

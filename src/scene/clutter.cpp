@@ -172,6 +172,10 @@ ClutterMap::Levels ClutterMap::LevelsAt(const Eigen::Vector3f& place_m,
   return levels;
 }
 
+ClutterMap::Level ClutterMap::WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const {
+  return {levels_[0].Count(place_m, bins), levels_[0].VolumeM3(place_m)};
+}
+
 void ClutterMap::Forget(std::uint32_t before_bin) {
   for (RangeGrid& level : levels_) level.Forget(before_bin);
 }
@@ -220,21 +224,23 @@ void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t co
   sensor.num_plots += static_cast<std::uint32_t>(count);
 }
 
-// Log of how many times as many plots a frame has about a bin, but for kSwarmPlots, as at other
-// times. At least 0.
-double ClutterModel::LogSquall(std::uint32_t sensor, std::uint32_t bin) const {
-  if (!knows_squalls_) return 0.0;
-  const FrameCount present = CountIn(sensor, {bin - std::min(bin, 1U), bin + 2});
+bool ClutterModel::IsSquall(std::uint32_t sensor, std::uint32_t bin) const {
+  if (!knows_squalls_) return false;
+  const FrameCount present = CountIn(sensor, {bin, bin + 1});
   const FrameCount excluded = CountIn(sensor, ClutterMap::Excluded(bin));
   const Sensor& its = sensors_[sensor];
-  if (its.num_frames == excluded.num_frames || present.num_frames == 0) return 0.0;
-  const auto per_frame = [](std::uint32_t num_plots, std::uint32_t num_frames) {
-    return static_cast<double>(num_plots) / num_frames;
-  };
-  const double usual =
-      per_frame(its.num_plots - excluded.num_plots, its.num_frames - excluded.num_frames);
-  const double more = per_frame(present.num_plots, present.num_frames) - kSwarmPlots;
-  return std::log(std::max(1.0, more / std::max(usual, 1.0)));
+  const std::uint32_t num_other_frames = its.num_frames - excluded.num_frames;
+  if (num_other_frames == 0 || present.num_frames == 0) return false;
+  const double usual = static_cast<double>(its.num_plots - excluded.num_plots) / num_other_frames;
+  return static_cast<double>(present.num_plots) / present.num_frames > usual + kSwarmPlots;
+}
+
+double ClutterModel::PresentRate(const Plot& plot, std::uint32_t bin) const {
+  const BinRange present{bin, bin + 1};
+  const ClutterMap::Level about = sensors_[plot.sensor].around.WidestAt(PlaceM(plot), present);
+  const double num_others =
+      static_cast<double>(about.count) / NumFrames(plot.sensor, present) - 1.0;
+  return std::max(0.0, num_others) / about.volume_m3;
 }
 
 void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
@@ -297,13 +303,14 @@ ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same
   return sensors_[plot.sensor].around.LevelsAt(PlaceM(plot), same_time.around);
 }
 
-ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {
+ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin,
+                                                  bool is_squall) const {
   const double rate = SurroundingRate(plot, bin, SameTimeOf(plot, bin), 0);
   if (plot.is_floating) return {std::log(rate), std::log(rate)};
   const double spot_rate = SpotRateOf(plot).Given(NumAtSpot(plot) - 1.0);
-  const double log_squall = LogSquall(plot.sensor, bin);
-  return {std::log(rate) + log_squall,
-          std::log(std::max({rate, spot_rate, plot.place_rate})) + log_squall};
+  const double surrounding_rate = is_squall ? std::max(rate, PresentRate(plot, bin)) : rate;
+  return {std::log(surrounding_rate),
+          std::log(std::max({surrounding_rate, spot_rate, plot.place_rate}))};
 }
 
 double PlotVolumeM3(const Plot& plot) {

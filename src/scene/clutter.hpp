@@ -53,6 +53,9 @@ class ClutterMap {
   // Returns the levels from the widest to the narrowest. `excluded`: result of ExcludedAt().
   Levels LevelsAt(const Eigen::Vector3f& place_m, const LevelCounts& excluded) const;
 
+  // Returns the widest level, with the plots of these bins alone.
+  Level WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const;
+
   // Forgets the plots of earlier bins.
   void Forget(std::uint32_t before_bin);
 
@@ -126,10 +129,14 @@ class ClutterModel {
     double log_clutter = 0.0;
   };
 
+  // True if frames of this bin have so many more plots than those of other times as no swarm has.
+  // Weather begins, or comes in squalls: other times do not tell of its strays.
+  bool IsSquall(std::uint32_t sensor, std::uint32_t bin) const;
+
   // Returns the clutter intensity of a plot that was added, as far as it is known: a plot of a
-  // dwell is predicted by the others that were added so far. Strays come in squalls: it is as many
-  // times larger as a frame of its time has more plots than those that tell of the clutter.
-  Intensity IntensityOf(const Plot& plot, std::uint32_t bin) const;
+  // dwell is predicted by the others that were added so far. `is_squall`: of its sensor and bin; it
+  // is then at least that of the present.
+  Intensity IntensityOf(const Plot& plot, std::uint32_t bin, bool is_squall) const;
 
  private:
   struct FrameCount {
@@ -152,7 +159,8 @@ class ClutterModel {
 
   static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
   FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
-  double LogSquall(std::uint32_t sensor, std::uint32_t bin) const;
+  // Rate of the other plots of the bin about a plot, of which a target has one a frame.
+  double PresentRate(const Plot& plot, std::uint32_t bin) const;
   void AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count);
 
   std::size_t num_levels_;

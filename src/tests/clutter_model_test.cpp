@@ -35,8 +35,11 @@ void Add(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
 
 // The clutter of plots that were added, as far as it is known.
 std::vector<double> Judge(const std::vector<Plot>& plots, int i, const ClutterModel& clutter) {
+  const bool is_squall = clutter.IsSquall(0, BinOf(i));
   std::vector<double> logs;
-  for (const Plot& plot : plots) logs.push_back(clutter.IntensityOf(plot, BinOf(i)).log_clutter);
+  for (const Plot& plot : plots) {
+    logs.push_back(clutter.IntensityOf(plot, BinOf(i), is_squall).log_clutter);
+  }
   return logs;
 }
 
@@ -129,24 +132,28 @@ TEST(ClutterModel, OneSensorIsForgottenWithoutTheOthers) {
   EXPECT_EQ(Judge(PlotsOf(6), 6, both), Judge(PlotsOf(6), 6, Foreseen()));
 }
 
-// Drops somewhere in a squall tell of more drops everywhere, as far as no swarm explains them.
-TEST(ClutterModel, InASquallAllClutterIsDenser) {
-  const auto log_clutter_of_twig = [](int num_drops) {
+// Drops that come all at once are clutter as they come, unless a swarm may explain them, and only
+// about where they are.
+TEST(ClutterModel, InASquallClutterIsThatOfThePresent) {
+  const Eigen::Vector3d kAir_m(-30.0, 0.0, 5.0);
+  const auto log_clutter_of_air = [&](const Eigen::Vector3d& drops_m, int num_drops) {
     ClutterModel clutter{RobustConfig()};
-    for (int i = 0; i < 100; ++i) {
-      std::vector<Plot> plots = PlotsOf(6);
-      for (int k = 0; k < (i < 80 ? 10 : num_drops); ++k) {
-        plots.push_back(plots[0]);
-        plots.back().position_m = plots.back().ray_m = {-30.0, 1.0 * k, 5.0};
-      }
-      Add(plots, i, &clutter);
+    for (int i = 0; i < 99; ++i) Add(PlotsOf(6), i, &clutter);
+    std::vector<Plot> plots(static_cast<std::size_t>(num_drops) + 1, PlotsOf(6)[0]);
+    for (std::size_t k = 0; k < plots.size(); ++k) {
+      const double along_m = 5.0 * static_cast<double>(k) / num_drops;
+      plots[k].ray_m = (k == 0 ? kAir_m : drops_m) + along_m * Eigen::Vector3d::UnitZ();
+      plots[k].position_m = plots[k].ray_m;
     }
-    return clutter.IntensityOf(PlotsOf(6)[0], BinOf(99)).log_clutter;
+    return AddAndJudge(plots, 100, &clutter)[0];
   };
-  const double calm = log_clutter_of_twig(10);
-  EXPECT_EQ(log_clutter_of_twig(35), calm);
-  const double usual = (80 * 11 + 5 * 401) / 85.0;  // but for the last 1.5 s
-  EXPECT_NEAR(log_clutter_of_twig(400), calm + std::log((401 - kSwarmPlots) / usual), 0.2);
+  const double open = log_clutter_of_air(kAir_m, 1);
+  EXPECT_LT(open, -10.0);
+  EXPECT_EQ(log_clutter_of_air(kAir_m, 20), open);
+  const double radius_m = 0.35 * kAir_m.norm();
+  const double volume_m3 = 4.0 / 3.0 * M_PI * std::pow(radius_m, 3);
+  EXPECT_NEAR(log_clutter_of_air(kAir_m, 400), std::log(400 / volume_m3), 0.7);
+  EXPECT_EQ(log_clutter_of_air(-kAir_m, 400), open);
 }
 
 // Crowns along a road: each is seen once, but always about as far ahead.

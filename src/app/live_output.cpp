@@ -1,6 +1,5 @@
 #include "app/live_output.hpp"
 
-#include <algorithm>
 #include <array>
 #include <utility>
 

@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
-#include <utility>
 
 #include "collection/body.hpp"
 #include "scene/range_grid.hpp"

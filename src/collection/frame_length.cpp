@@ -1,7 +1,5 @@
 #include "collection/frame_length.hpp"
 
-#include <cmath>
-
 namespace unlidar {
 namespace {
 

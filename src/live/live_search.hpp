@@ -1,7 +1,6 @@
 // The search of a stream: paths of plots that a flying target explains better than clutter.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "collection/suspended.hpp"
 #include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
 #include "scene/support.hpp"

@@ -1,9 +1,6 @@
 #include "scene/field_of_view.hpp"
 
-#include <algorithm>
 #include <utility>
-
-#include "base/angles.hpp"
 
 namespace unlidar {
 namespace {

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "base/queue.hpp"
 #include "scene/clutter.hpp"
 #include "scene/floating.hpp"
 

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/clutter.hpp"
-
 namespace unlidar {
 namespace {
 

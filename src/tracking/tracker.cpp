@@ -9,7 +9,6 @@
 #include "base/algorithms.hpp"
 #include "base/parallel.hpp"
 #include "tracking/path_exchange.hpp"
-#include "tracking/scan_schedule.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
 

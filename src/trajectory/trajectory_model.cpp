@@ -2,12 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <utility>
-
-#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

@@ -28,8 +28,7 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
     frame_time_.frames_before.resize(sensor + 1, 0);
   }
   recent_.sensors[sensor] = info;
-  scan_schedule_.sensors[sensor].frame_s =
-      static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
+  scan_schedule_.sensors[sensor].frame_s = SecondsOf(info.frame_period_ns);
   const TrackerConfig& tracker = config_.robust.tracker;
   for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
     if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);

@@ -30,9 +30,7 @@ bool MayBeSuspendedFor(const std::vector<Measurement>& measurements, double seen
 TrackValidator::Verdict TrackValidator::Judge(int number, const TrackFollower& follower,
                                               bool is_reported, const RecentPlots& seen,
                                               double time_s, const std::optional<Verdict>& before) {
-  const double seen_s =
-      static_cast<double>(follower.last_evidence_ns() - follower.first_evidence_ns()) *
-      kSecondsPerNs;
+  const double seen_s = SecondsOf(follower.last_evidence_ns() - follower.first_evidence_ns());
   Verdict verdict;
   verdict.first_judged_age_s = before ? before->first_judged_age_s : seen_s;
   verdict.next_judgement_s =

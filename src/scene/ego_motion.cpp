@@ -165,7 +165,7 @@ EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& ea
   Match match;
   match.stationary = match.moved = share_at(0, 0);
   if (match.stationary > 1.0 - kMinMatchGain) return match;
-  const double lag_s = static_cast<double>(snapshot.time_ns - earlier.time_ns) * kSecondsPerNs;
+  const double lag_s = SecondsOf(snapshot.time_ns - earlier.time_ns);
   for (int turn = -kTurns; turn <= kTurns; ++turn) {
     const double angle_rad = turn * kTurnDeg * M_PI / 180.0;
     const double c = std::cos(angle_rad);

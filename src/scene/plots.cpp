@@ -236,8 +236,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.frame = frame_index;
     plot.sensor = frame.sensor;
     plot.frame_time_ns = frame.middle_ns();
-    plot.streak_s =
-        frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+    plot.streak_s = frame.is_timed ? 0.0 : SecondsOf(frame.end_ns - frame.begin_ns);
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
     plot.shift_m = frame.carrier.shift_m;

@@ -156,7 +156,7 @@ void Sway::Judge(const SmallMotionFilter::Fit& fit, TimeNs time_ns, Station* sta
   if (station->poses.size() > kMeanFrames) station->poses.pop_front();
   if (following.is_moving) {
     const Vector6d step = MeanOf(station->poses) - period.mean;
-    const double step_s = static_cast<double>(time_ns - following.judged_ns) * kSecondsPerNs;
+    const double step_s = SecondsOf(time_ns - following.judged_ns);
     const double most_rad = kMaxRestRadPerS * std::max(step_s, 0.0);
     period.mean += step * std::min(1.0, most_rad / std::max(step.head<3>().norm(), 1e-9));
   }

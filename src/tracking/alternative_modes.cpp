@@ -232,9 +232,7 @@ class AlternativePaths {
     return free;
   }
 
-  double Seconds(TimeNs time_ns) const {
-    return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
-  }
+  double Seconds(TimeNs time_ns) const { return SecondsOf(time_ns - begin_ns_); }
 
   // Index of the first plot of a path later than a time; at least 1, as no time before its first
   // plot is tested.

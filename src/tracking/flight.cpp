@@ -156,8 +156,7 @@ double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& pat
     if (std::abs(next->time_ns - time_ns) > kBinNs) continue;
     const Eigen::Vector3d ray_m =
         next->position_m - stations_m[frame.sensor] - frame.carrier.shift_m.cast<double>();
-    seconds_per_m2[frame.sensor] +=
-        static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
+    seconds_per_m2[frame.sensor] += SecondsOf(frame.end_ns - frame.begin_ns) / ray_m.squaredNorm();
   }
   double return_rate_m2_per_s = 0.0;
   for (std::size_t s = 0; s < returns.size(); ++s) {

@@ -33,8 +33,7 @@ Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
 // False only if no plot of one path is reachable from any of the other.
 bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) {
   const TimeNs max_interval_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
-  const double reach_m =
-      config.max_speed_mps * static_cast<double>(max_interval_ns) * kSecondsPerNs + kReachSlackM;
+  const double reach_m = config.max_speed_mps * SecondsOf(max_interval_ns) + kReachSlackM;
   return a.box_m.squaredExteriorDistance(b.box_m) <= reach_m * reach_m;
 }
 
@@ -261,7 +260,7 @@ bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_bef
 }
 
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config) {
-  const double dt_s = static_cast<double>(to.time_ns - from.time_ns) * kSecondsPerNs;
+  const double dt_s = SecondsOf(to.time_ns - from.time_ns);
   return (to.position_m - from.position_m).norm() < config.max_speed_mps * dt_s + slack_m;
 }
 

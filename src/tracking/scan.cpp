@@ -22,8 +22,7 @@ void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>
     bounds.min_variance_m2 = std::min(bounds.min_variance_m2, plot.variance_m2);
     bounds.max_variance_m2 = std::max(bounds.max_variance_m2, plot.variance_m2);
     bounds.half_span_s =
-        std::max(bounds.half_span_s,
-                 static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
+        std::max(bounds.half_span_s, SecondsOf(std::abs(plot.time_ns - plot.frame_time_ns)));
   }
   scan->last = first + count;
   scan->positions_m.Reset(count, [&](std::size_t i) { return plots[i].position_m; });

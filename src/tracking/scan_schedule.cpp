@@ -7,8 +7,7 @@ namespace unlidar {
 ScanSchedule ScanScheduleOf(const Recording& recording) {
   ScanSchedule scan_schedule;
   for (const SensorInfo& sensor : recording.sensors) {
-    scan_schedule.sensors.push_back(
-        {static_cast<double>(sensor.frame_period_ns) * kSecondsPerNs, {}});
+    scan_schedule.sensors.push_back({SecondsOf(sensor.frame_period_ns), {}});
   }
   for (const FrameInfo& frame : recording.frames) {
     scan_schedule.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());

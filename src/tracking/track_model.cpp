@@ -43,9 +43,7 @@ double StreakVarianceM2(const Plot& plot, double speed_mps) {
 }
 
 // Time of a plot after the middle of its frame.
-double OffsetS(const Plot& plot) {
-  return static_cast<double>(plot.time_ns - plot.frame_time_ns) * kSecondsPerNs;
-}
+double OffsetS(const Plot& plot) { return SecondsOf(plot.time_ns - plot.frame_time_ns); }
 
 // Log probability of no return in an exposure, after some detections in an earlier one: a Poisson
 // process whose rate falls with the square of range and has an unknown scale with a gamma prior.
@@ -114,7 +112,7 @@ FrameTime FrameTimeOf(const Plot& plot, TimeNs begin_ns, const ScanSchedule& sca
   FrameTime frame_time;
   frame_time.sensor = plot.sensor;
   frame_time.viewpoint_m = plot.ViewpointM();
-  frame_time.time_s = static_cast<double>(plot.frame_time_ns - begin_ns) * kSecondsPerNs;
+  frame_time.time_s = SecondsOf(plot.frame_time_ns - begin_ns);
   for (std::uint32_t s = 0; s < scan_schedule.sensors.size(); ++s) {
     frame_time.frames_before.push_back(scan_schedule.FramesBefore(s, plot.frame_time_ns));
   }

@@ -101,6 +101,13 @@ inline TimeNs ShortestPeriodNs(const Recording& recording) {
   return period_ns;
 }
 
+// Returns the mean position of the returns, at least one.
+inline Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns) {
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) sum_m += recording.points_m[i].cast<double>();
+  return sum_m / static_cast<double>(returns.size());
+}
+
 // Measured position of a target: the mean of `support` returns.
 struct Measurement {
   TimeNs time_ns = 0;

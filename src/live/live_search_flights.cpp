@@ -26,7 +26,7 @@ constexpr double kStandingShare = 0.1;
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
   const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
-  return Floats(path) || DriftM(plots) > min_move_m;
+  return Floats(path) || DisplacementM(plots).norm() > min_move_m;
 }
 
 // Numbers of the plots of a path within it.

@@ -103,12 +103,6 @@ Clusters FindClusters(const Recording& recording, const PaperConfig& config) {
   return clusters;
 }
 
-Eigen::Vector3d Centroid(const Recording& recording, const IndexView& returns) {
-  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  for (const std::uint32_t i : returns) sum_m += recording.points_m[i].cast<double>();
-  return sum_m / static_cast<double>(returns.size());
-}
-
 // Calls visit(frame, returns) for the returns of each frame in turn.
 template <typename Visit>
 void VisitFrames(const std::vector<std::uint32_t>& returns,
@@ -138,12 +132,12 @@ void Describe(const Recording& recording, const Clusters& clusters, const Global
   Eigen::AlignedBox3d box_m;
   for (const std::uint32_t i : cluster.returns) box_m.extend(recording.points_m[i].cast<double>());
   score.extent_m = box_m.sizes();
-  score.centroid_m = Centroid(recording, cluster.returns);
+  score.centroid_m = MeanOf(recording, cluster.returns);
   score.first_ns = recording.frames[clusters.frame_of[cluster.returns.front()]].stamp_ns;
   score.last_ns = recording.frames[clusters.frame_of[cluster.returns.back()]].stamp_ns;
   std::vector<Eigen::Vector3d> centroids_m;
   VisitFrames(cluster.returns, clusters.frame_of, [&](std::uint32_t, const IndexView& returns) {
-    centroids_m.push_back(Centroid(recording, returns));
+    centroids_m.push_back(MeanOf(recording, returns));
   });
   score.frames = static_cast<int>(centroids_m.size());
   score.von_neumann_ratio = VonNeumannRatio(centroids_m);
@@ -219,7 +213,7 @@ Target MakeTarget(const Recording& recording, const PaperConfig& config, const C
         local.returns, clusters.frame_of, [&](std::uint32_t frame, const IndexView& returns) {
           Measurement measurement;
           measurement.support = static_cast<int>(returns.size());
-          measurement.position_m = Centroid(recording, returns);
+          measurement.position_m = MeanOf(recording, returns);
           const TimeNs reference_ns = recording.frames[frame].stamp_ns;
           double offset_ns = 0.0;
           for (const std::uint32_t i : returns) {

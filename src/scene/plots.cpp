@@ -88,12 +88,6 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
-Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
-  return sum / static_cast<double>(returns.size());
-}
-
 void SortByFrameTime(std::vector<Plot>* plots) {
   const auto is_before = [](const Plot& a, const Plot& b) {
     return a.frame_time_ns < b.frame_time_ns;

@@ -85,9 +85,6 @@ struct Plot {
   bool IsFromTravel() const { return shift_m.norm() > kMaxStationRadiusM; }
 };
 
-// Returns the mean position of the returns, at least one.
-Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
-
 // Sorts the plots as all stages expect them; plots of one frame keep their order.
 void SortByFrameTime(std::vector<Plot>* plots);
 

@@ -166,16 +166,6 @@ double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& pat
   return return_rate_m2_per_s;
 }
 
-// Displacement between the means of the first and the last third of the plots.
-Eigen::Vector3d DisplacementM(const std::vector<Plot>& path) {
-  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
-  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < third; ++i) {
-    sum_m += path[path.size() - third + i].position_m - path[i].position_m;
-  }
-  return sum_m / static_cast<double>(third);
-}
-
 // True if a path stays above where it is while its sensor travels. Heights do not count: a pole,
 // an edge or a crown is hit at those that are in view and in reach from where the sensor is.
 bool IsPassedAtRest(const std::vector<Plot>& path) {
@@ -185,7 +175,14 @@ bool IsPassedAtRest(const std::vector<Plot>& path) {
 
 }  // namespace
 
-double DriftM(const std::vector<Plot>& path) { return DisplacementM(path).norm(); }
+Eigen::Vector3d DisplacementM(const std::vector<Plot>& path) {
+  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < third; ++i) {
+    sum_m += path[path.size() - third + i].position_m - path[i].position_m;
+  }
+  return sum_m / static_cast<double>(third);
+}
 
 bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
   std::set<std::uint32_t> frames;

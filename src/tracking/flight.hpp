@@ -25,8 +25,8 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
 // A target that moves farther is neither at rest nor suspended.
 constexpr RangeRadius kMinDisplacement{0.8, 0.02};
 
-// Returns the distance between the means of the first and the last third of the plots.
-double DriftM(const std::vector<Plot>& path);
+// Returns the displacement between the means of the first and the last third of the plots.
+Eigen::Vector3d DisplacementM(const std::vector<Plot>& path);
 
 // True if the score of these plots of a path alone, by their numbers within it, reaches the
 // threshold.

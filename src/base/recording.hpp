@@ -27,6 +27,19 @@ inline double SecondsOf(TimeNs duration_ns) {
   return static_cast<double>(duration_ns) * kSecondsPerNs;
 }
 
+// Order by a member, for sorting.
+template <class Value, class Member>
+auto By(Member Value::*member) {
+  return [member](const Value& a, const Value& b) { return a.*member < b.*member; };
+}
+
+// Returns the first of `values`, which ascend by this member, that is not below `least`.
+template <class Values, class Value, class Member>
+auto FirstFrom(Values& values, Member Value::*member, const Member& least) {
+  return std::partition_point(values.begin(), values.end(),
+                              [&](const Value& value) { return value.*member < least; });
+}
+
 // LiDARs emit 5 to 20 frames per second. Those that lie farther apart may be every n-th of what was
 // measured, and last less than until the next.
 inline constexpr double kLongestFrameS = 0.2;

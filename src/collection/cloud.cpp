@@ -58,9 +58,6 @@ double Cube(double x) { return x * x * x; }
 // Shape of a target of a recording, from its own returns and those about it.
 Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& station_models,
               const std::vector<Plot>& plots, const Target& target, const RobustConfig& config) {
-  const auto is_earlier = [](const Plot& plot, TimeNs time_ns) {
-    return plot.frame_time_ns < time_ns;
-  };
   const Trajectory& trajectory = target.trajectory;
   Shape shape(config);
   std::vector<std::uint32_t> returns;
@@ -73,7 +70,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& stati
     own = std::lower_bound(own, target.returns.end(), frame.first_return);
     const auto end = std::lower_bound(own, target.returns.end(), frame.last_return);
     returns.assign(own, end);
-    auto plot = std::lower_bound(plots.begin(), plots.end(), time_ns, is_earlier);
+    auto plot = FirstFrom(plots, &Plot::frame_time_ns, time_ns);
     for (; plot != plots.end() && plot->frame_time_ns == time_ns; ++plot) {
       if (plot->frame != f || plot->lowest_m < kPersonHeightM) continue;
       std::set_difference(plot->returns.begin(), plot->returns.end(), own, end,
@@ -166,9 +163,7 @@ double Shape::SpreadM() const {
 Shape::Thirds Shape::ThirdsOfOwn() const {
   Thirds thirds;
   if (own_.empty()) return thirds;
-  const auto [first, last] = std::minmax_element(
-      own_.begin(), own_.end(),
-      [](const OwnFrame& a, const OwnFrame& b) { return a.time_ns < b.time_ns; });
+  const auto [first, last] = std::minmax_element(own_.begin(), own_.end(), By(&OwnFrame::time_ns));
   const TimeNs third_ns = (last->time_ns - first->time_ns) / 3;
   thirds.observed_s = SecondsOf(last->time_ns - first->time_ns);
   for (const OwnFrame& frame : own_) {

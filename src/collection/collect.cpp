@@ -47,8 +47,6 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const St
   return m;
 }
 
-bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; }
-
 // Only the side of a body that faces the sensor is seen, so the centre lies behind the mean of the
 // returns. Measurements of stations with different viewpoints are compared, and fitted, as seen
 // from the main sensor.
@@ -61,9 +59,7 @@ class FacingSide {
       if (frame.sensor != main_sensor) continue;
       viewpoints_.push_back({frame.middle_ns(), ViewpointM(station_models[main_sensor], frame)});
     }
-    std::sort(
-        viewpoints_.begin(), viewpoints_.end(),
-        [](const TimedViewpoint& a, const TimedViewpoint& b) { return a.time_ns < b.time_ns; });
+    std::sort(viewpoints_.begin(), viewpoints_.end(), By(&TimedViewpoint::time_ns));
   }
 
   // Offset of the centre from the mean of the returns that the main sensor sees.
@@ -209,7 +205,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
                                  position_m, body.width_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
-  std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
+  std::stable_sort(target.measurements.begin(), target.measurements.end(),
+                   By(&Measurement::time_ns));
   std::sort(target.returns.begin(), target.returns.end());
 
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
@@ -285,7 +282,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
           NsOf(sensor_biases[sensor_measurement.sensor].delay_s);
       next.measurements.push_back(sensor_measurement.measurement);
     }
-    std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);
+    std::stable_sort(next.measurements.begin(), next.measurements.end(), By(&Measurement::time_ns));
     std::sort(next.returns.begin(), next.returns.end());
     body = spread.Sigmas();
     const bool is_settled = next.returns == target.returns;

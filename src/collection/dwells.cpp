@@ -110,9 +110,7 @@ class PathEnd {
 
   // True if the target is known to be away from the place.
   bool IsTargetAway(const std::vector<Plot>& path, TimeNs time_ns) const {
-    const auto next = std::lower_bound(
-        path.begin(), path.end(), time_ns,
-        [](const Plot& plot, TimeNs then_ns) { return plot.frame_time_ns < then_ns; });
+    const auto next = FirstFrom(path, &Plot::frame_time_ns, time_ns);
     const auto is_away = [&](const Plot& plot) {
       return (plot.position_m.cast<float>() - place_m_).norm() > 2.0F * kDwellReachM;
     };

@@ -24,8 +24,7 @@ Visibility::Visibility(const Recording& recording, const std::vector<StationMode
     sensor.per_m2 += per_m2;
   }
   for (Sensor& sensor : sensors_) {
-    std::sort(sensor.exposures.begin(), sensor.exposures.end(),
-              [](const FrameExposure& a, const FrameExposure& b) { return a.time_ns < b.time_ns; });
+    std::sort(sensor.exposures.begin(), sensor.exposures.end(), By(&FrameExposure::time_ns));
   }
 }
 
@@ -38,9 +37,7 @@ double Visibility::ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
   double per_m2 = kJeffreysCount * sensor.per_m2 / (sensor.num_returns + kJeffreysCount);
   const TimeNs near_ns =
       std::clamp(time_ns, sensor.exposures.front().time_ns, sensor.exposures.back().time_ns);
-  auto exposure =
-      std::lower_bound(sensor.exposures.begin(), sensor.exposures.end(), near_ns - kReachNs,
-                       [](const FrameExposure& at, TimeNs t) { return at.time_ns < t; });
+  auto exposure = FirstFrom(sensor.exposures, &FrameExposure::time_ns, near_ns - kReachNs);
   for (; exposure != sensor.exposures.end() && exposure->time_ns <= near_ns + kReachNs;
        ++exposure) {
     num_returns += exposure->num_returns;

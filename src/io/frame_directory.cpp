@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "base/format.hpp"
+#include "base/recording.hpp"
 #include "io/input_file.hpp"
 #include "io/stamp.hpp"
 #include "unlidar/error.hpp"
@@ -161,10 +162,7 @@ std::vector<FrameFile> ListFrames(const std::string& directory, FrameClock* cloc
     }
     frames.push_back({path, *stamp_ns});
   }
-  const auto before = [](const FrameFile& a, const FrameFile& b) {
-    return a.stamp_ns < b.stamp_ns;
-  };
-  std::stable_sort(frames.begin(), frames.end(), before);
+  std::stable_sort(frames.begin(), frames.end(), By(&FrameFile::stamp_ns));
   for (std::size_t i = 1; i < frames.size(); ++i) {
     if (frames[i].stamp_ns == frames[i - 1].stamp_ns) {
       throw InputError(frames[i].path + ": has the stamp " + std::to_string(frames[i].stamp_ns) +

@@ -67,9 +67,7 @@ void TrackFit::SortByTime() {
   std::reverse(measurements_.begin(), measurements_.end());
   std::reverse(plot_refs_.begin(), plot_refs_.end());
   for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
-    const auto place = std::upper_bound(
-        measurements_.begin(), at, *at,
-        [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+    const auto place = std::upper_bound(measurements_.begin(), at, *at, By(&Measurement::time_ns));
     const auto plot_ref = plot_refs_.begin() + (at - measurements_.begin());
     std::rotate(plot_refs_.begin() + (place - measurements_.begin()), plot_ref,
                 std::next(plot_ref));

@@ -235,9 +235,8 @@ Target MakeTarget(const Recording& recording, const PaperConfig& config, const C
     measurement.covariance_m2 = of_one_return_m2 / measurement.support;
   }
   // Point times may overlap between the frames of several sensors.
-  std::stable_sort(
-      target.measurements.begin(), target.measurements.end(),
-      [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+  std::stable_sort(target.measurements.begin(), target.measurements.end(),
+                   By(&Measurement::time_ns));
   return target;
 }
 

@@ -89,9 +89,7 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 }  // namespace
 
 void SortByFrameTime(std::vector<Plot>* plots) {
-  const auto is_before = [](const Plot& a, const Plot& b) {
-    return a.frame_time_ns < b.frame_time_ns;
-  };
+  const auto is_before = By(&Plot::frame_time_ns);
   // Sorting takes memory for half of the plots, and they are mostly in order.
   if (std::is_sorted(plots->begin(), plots->end(), is_before)) return;
   std::stable_sort(plots->begin(), plots->end(), is_before);
@@ -253,18 +251,13 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
 }
 
 void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies) {
-  const auto at =
-      std::upper_bound(bodies->begin(), bodies->end(), body.time_ns,
-                       [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
-  bodies->Insert(at, body);
+  bodies->Insert(FirstFrom(*bodies, &BodyBox::time_ns, body.time_ns + 1), body);
 }
 
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
   const auto margin_ns = NsOf(kBodyMarginS);
   const Eigen::Array3f p = plot.position_m.cast<float>().array();
-  auto body =
-      std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
-                       [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+  auto body = FirstFrom(bodies, &BodyBox::time_ns, plot.time_ns - margin_ns);
   for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
     // The hidden far side may extend by a share of the length, the top by one of the height.
     const Eigen::Array3f size_m = body->high_m - body->low_m;

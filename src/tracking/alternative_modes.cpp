@@ -311,9 +311,8 @@ std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vec
     mode.time_ns = TimeReversed(mode.time_ns);
     alternative_modes.push_back(mode);
   }
-  std::stable_sort(
-      alternative_modes.begin(), alternative_modes.end(),
-      [](const AlternativeMode& a, const AlternativeMode& b) { return a.time_ns < b.time_ns; });
+  std::stable_sort(alternative_modes.begin(), alternative_modes.end(),
+                   By(&AlternativeMode::time_ns));
   return alternative_modes;
 }
 

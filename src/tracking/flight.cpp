@@ -21,9 +21,7 @@ std::vector<double> LowestM(const std::vector<Plot>& path, TimeNs window_ns) {
   for (const Plot& plot : path) {
     while (first->frame_time_ns < plot.frame_time_ns - window_ns) ++first;
     while (last != path.end() && last->frame_time_ns <= plot.frame_time_ns + window_ns) ++last;
-    const auto lowest = std::min_element(
-        first, last, [](const Plot& a, const Plot& b) { return a.lowest_m < b.lowest_m; });
-    lowest_m.push_back(lowest->lowest_m);
+    lowest_m.push_back(std::min_element(first, last, By(&Plot::lowest_m))->lowest_m);
   }
   return lowest_m;
 }
@@ -43,9 +41,7 @@ constexpr double kMinOccupancyBelow = 0.05;  // of any place below a drone, at l
 
 // Position on a path: linear between plots, constant beyond the ends.
 Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
-  const auto next =
-      std::lower_bound(path.begin(), path.end(), time_ns,
-                       [](const Plot& plot, TimeNs at_ns) { return plot.frame_time_ns < at_ns; });
+  const auto next = FirstFrom(path, &Plot::frame_time_ns, time_ns);
   if (next == path.begin()) return next->position_m;
   const Plot& last = *(next - 1);
   if (next == path.end()) return last.position_m;
@@ -103,9 +99,7 @@ std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& 
     if (std::min(last.lowest_m, next.lowest_m) > config.off_ground_m) continue;
     const auto radius_m = static_cast<float>(kColumnRadius.At(last.ray_m.norm()));
     const Eigen::Array3f reach_m(radius_m, radius_m, -static_cast<float>(kBelowPlotM));
-    auto body =
-        std::lower_bound(bodies.begin(), bodies.end(), last.frame_time_ns,
-                         [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+    auto body = FirstFrom(bodies, &BodyBox::time_ns, last.frame_time_ns);
     for (; body != bodies.end() && body->time_ns < next.frame_time_ns; ++body) {
       const Eigen::Vector3f at_m = PositionM(path, body->time_ns).cast<float>();
       if ((at_m.array() > body->low_m - reach_m).all() &&

@@ -149,9 +149,7 @@ std::vector<CovarianceInflation> CovarianceInflationsOf(
 
 Eigen::Vector3d NearestViewpointM(const std::vector<TimedViewpoint>& viewpoints, TimeNs time_ns) {
   if (viewpoints.empty()) return Eigen::Vector3d::Zero();
-  auto at = std::lower_bound(
-      viewpoints.begin(), viewpoints.end(), time_ns,
-      [](const TimedViewpoint& viewpoint, TimeNs t) { return viewpoint.time_ns < t; });
+  auto at = FirstFrom(viewpoints, &TimedViewpoint::time_ns, time_ns);
   if (at == viewpoints.end() ||
       (at != viewpoints.begin() &&
        std::abs(std::prev(at)->time_ns - time_ns) <= std::abs(at->time_ns - time_ns))) {
@@ -208,9 +206,7 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
 Eigen::Vector3d RowSampler::VarianceInflationAt(TimeNs time_ns) const {
   const std::vector<CovarianceInflation>& all = source_.covariance_inflations;
   if (all.empty()) return Eigen::Vector3d::Zero();
-  const auto after =
-      std::lower_bound(all.begin(), all.end(), time_ns,
-                       [](const CovarianceInflation& one, TimeNs t) { return one.time_ns < t; });
+  const auto after = FirstFrom(all, &CovarianceInflation::time_ns, time_ns);
   if (after == all.end()) return all.back().variance_m2;
   if (after == all.begin()) return all.front().variance_m2;
   const CovarianceInflation& before = *std::prev(after);

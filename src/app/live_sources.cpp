@@ -248,7 +248,8 @@ class FolderSource : public LiveSource {
     std::vector<FollowedFolders::Folder> folders;
     for (const FrameSource& source : sources) {
       const SensorConfig sensor = SensorConfigOf(config.sensors, SourceName(source));
-      folders.push_back({source.directory, OffsetNs(sensor), FrameRateHz(config.input, sensor)});
+      folders.push_back(
+          {source.directory, NsOf(sensor.time_offset_s), FrameRateHz(config.input, sensor)});
     }
     return folders;
   }

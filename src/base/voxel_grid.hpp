@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <vector>
 
 namespace unlidar {
@@ -56,17 +57,10 @@ inline double VoxelVolumeM3(std::size_t voxels, double voxel_size_m) {
 
 // Returns the intersection over union of two sets of voxels; 0 for two empty sets.
 inline double VoxelIou(const VoxelSet& a, const VoxelSet& b) {
-  std::size_t shared = 0;
-  for (std::size_t i = 0, j = 0; i < a.size() && j < b.size();) {
-    if (a[i] == b[j])
-      ++shared, ++i, ++j;
-    else if (a[i] < b[j])
-      ++i;
-    else
-      ++j;
-  }
-  const std::size_t either = a.size() + b.size() - shared;
-  return either == 0 ? 0.0 : static_cast<double>(shared) / static_cast<double>(either);
+  VoxelSet shared;
+  std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(shared));
+  const std::size_t either = a.size() + b.size() - shared.size();
+  return either == 0 ? 0.0 : static_cast<double>(shared.size()) / static_cast<double>(either);
 }
 
 }  // namespace unlidar

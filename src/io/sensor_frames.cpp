@@ -60,7 +60,7 @@ SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const I
                            const SensorMount& mount, Source source,
                            std::optional<TimeReading> reading)
     : sensor_(mount.sensor),
-      offset_ns_(OffsetNs(mount.sensor)),
+      offset_ns_(NsOf(mount.sensor.time_offset_s)),
       input_(input),
       index_(index),
       source_(source),
@@ -275,10 +275,6 @@ const SensorInfo& SensorFrames::info() const {
   if (stamps_ns_.size() < 2) return info_;
   info_.frame_period_ns = std::min(MedianStep(stamps_ns_, &periods_ns_), kMaxPeriodNs);
   return info_;
-}
-
-TimeNs OffsetNs(const SensorConfig& sensor) {
-  return std::llround(sensor.time_offset_s / kSecondsPerNs);
 }
 
 void AddCounts(const InputCounts& from, InputCounts& to) {

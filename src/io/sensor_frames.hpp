@@ -109,8 +109,8 @@ class SensorFrames {
 
   // Members in order of size, so that none is padded.
   SensorConfig sensor_;
-  std::optional<PoseHistory> poses_;  // of its carrier, if it moves
-  TimeNs offset_ns_;
+  std::optional<PoseHistory> poses_;        // of its carrier, if it moves
+  TimeNs offset_ns_;                        // is in range (config_keys.hpp)
   TimeNs returns_for_ns_ = 0;               // from the first frame with returns to the last one
   std::optional<TimeNs> first_return_ns_;   // stamp of the first frame with returns
   std::vector<TimeNs> stamps_ns_;           // ascending; in a stream the newest only
@@ -126,9 +126,6 @@ class SensorFrames {
   bool has_unplaced_ = false;             // frames without a pose
   mutable bool is_period_known_ = false;  // false: to be computed from stamps_ns_
 };
-
-// Returns the time offset of a sensor, which is checked (config_keys.hpp).
-TimeNs OffsetNs(const SensorConfig& sensor);
 
 // Adds the row counts of one frame; `frames` and `bad_frames` are counted elsewhere.
 void AddCounts(const InputCounts& from, InputCounts& to);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 #include "base/algorithms.hpp"
 #include "base/disjoint_sets.hpp"
@@ -87,11 +88,7 @@ void SortByAxis(std::size_t axis, std::vector<Slot>& slots, std::vector<Slot>& b
     std::array<std::uint32_t, kMask + 1> starts{};
     for (const Slot& slot : slots) ++starts[(slot.cell[axis] >> shift) & kMask];
     std::uint32_t total = 0;
-    for (std::uint32_t& start : starts) {
-      const std::uint32_t count = start;
-      start = total;
-      total += count;
-    }
+    for (std::uint32_t& start : starts) total += std::exchange(start, total);
     for (const Slot& slot : slots) buffer[starts[(slot.cell[axis] >> shift) & kMask]++] = slot;
     slots.swap(buffer);
   }

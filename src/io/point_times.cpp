@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "base/recording.hpp"
 #include "io/frame_directory.hpp"
@@ -31,21 +32,19 @@ std::optional<TimeNs> InNs(double value, std::int64_t unit_ns) {
 }  // namespace
 
 RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row) {
-  if (cloud.time_kind == PcdTimeKind::kInteger) {
-    return {PcdTimeKind::kInteger, cloud.integer_times[row], 0.0};
-  }
-  return {PcdTimeKind::kFloating, 0, cloud.floating_times[row]};
+  if (cloud.time_kind == PcdTimeKind::kInteger) return cloud.integer_times[row];
+  return cloud.floating_times[row];
 }
 
 std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs stamp_ns) {
-  const bool is_integer = raw.kind == PcdTimeKind::kInteger;
-  std::int64_t unit_ns = is_integer ? 1 : kNsPerSecond;
-  if (reading == TimeReading::kAbsoluteByMagnitude) {
-    const double value = is_integer ? static_cast<double>(raw.integer) : raw.floating;
-    unit_ns = NsPerUnitByMagnitude(std::abs(value));
-  }
-  const std::optional<TimeNs> time_ns =
-      is_integer ? InNs(raw.integer, unit_ns) : InNs(raw.floating, unit_ns);
+  const auto in_ns = [&](auto value) {
+    std::int64_t unit_ns = std::is_integral_v<decltype(value)> ? 1 : kNsPerSecond;
+    if (reading == TimeReading::kAbsoluteByMagnitude) {
+      unit_ns = NsPerUnitByMagnitude(std::abs(static_cast<double>(value)));
+    }
+    return InNs(value, unit_ns);
+  };
+  const std::optional<TimeNs> time_ns = std::visit(in_ns, raw);
   if (!time_ns || reading != TimeReading::kOffset) return time_ns;
   return stamp_ns + *time_ns;  // both within kMaxStampNs
 }

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <variant>
 
 #include "io/pcd.hpp"
 #include "unlidar/types.hpp"
@@ -14,11 +15,7 @@ namespace unlidar {
 enum class TimeReading { kOffset, kAbsolute, kAbsoluteByMagnitude };
 
 // Raw time of a row: integer or floating, by the type of the field.
-struct RawTime {
-  PcdTimeKind kind = PcdTimeKind::kInteger;
-  std::int64_t integer = 0;
-  double floating = 0.0;
-};
+using RawTime = std::variant<std::int64_t, double>;
 
 RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row);
 

@@ -43,8 +43,8 @@ void MakeRoomFor(std::size_t size, std::vector<T>* values) {
 }
 
 std::string Text(const RawTime& raw) {
-  return raw.kind == PcdTimeKind::kInteger ? std::to_string(raw.integer)
-                                           : ShortestText(raw.floating);
+  if (const auto* const integer = std::get_if<std::int64_t>(&raw)) return std::to_string(*integer);
+  return ShortestText(std::get<double>(raw));
 }
 
 }  // namespace

@@ -133,11 +133,11 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
                              std::uint64_t overflow_before, const std::string& name) {
   reporter_.NoteCount(late_before, engine_.late_frames(), "frame",
                       " later than live.reorder_s and dropped, the last: " + name);
-  const OverflowFrames& overflow = engine_.overflow_frames();
+  const DroppedFrames& overflow = engine_.overflow_frames();
   reporter_.NoteCount(
       overflow_before, overflow.count, "frame",
       std::string(kOverflowText) + ", the last of " + sensors_[overflow.sensor].name);
-  const AstrayFrames& astray = engine_.astray_frames();
+  const DroppedFrames& astray = engine_.astray_frames();
   if (astray.count == astray_before) return;
   std::string note = " astray and left out";
   if (astray.ahead_ns != 0) {

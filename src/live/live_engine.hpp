@@ -29,17 +29,10 @@ namespace unlidar {
 // Throws ConfigError for a config that cannot be used with streams.
 void CheckLive(const Config& config);
 
-// Frames dropped because their stamps were not confirmed.
-struct AstrayFrames {
+struct DroppedFrames {
   std::uint64_t count = 0;
   std::uint32_t sensor = 0;  // of the last one
-  TimeNs ahead_ns = 0;       // its stamp less the newest one taken; 0 without one
-};
-
-// Frames dropped because too many were waiting for live.reorder_s.
-struct OverflowFrames {
-  std::uint64_t count = 0;
-  std::uint32_t sensor = 0;  // of the last one
+  TimeNs ahead_ns = 0;       // its stamp, not confirmed, less the newest one taken; 0 without one
 };
 
 // Tracks the recording that a stream with an endless delay is once it has ended: emits the events
@@ -82,8 +75,10 @@ class LiveEngine {
   TimeNs newest_ns() const { return stamps_.newest_ns(); }
   const InputCounts& counts() const { return counts_; }
   std::uint64_t late_frames() const { return late_frames_; }
-  const AstrayFrames& astray_frames() const { return astray_; }
-  const OverflowFrames& overflow_frames() const { return overflow_; }
+  // Their stamps were not confirmed.
+  const DroppedFrames& astray_frames() const { return astray_; }
+  // Too many were waiting for live.reorder_s.
+  const DroppedFrames& overflow_frames() const { return overflow_; }
   const std::vector<Warning>& warnings() const { return warnings_; }
 
   // Returns the state last reported.
@@ -155,8 +150,8 @@ class LiveEngine {
   HeldFrames::Held taken_;  // from held_
   InputCounts counts_;
   std::uint64_t late_frames_ = 0;
-  OverflowFrames overflow_;
-  AstrayFrames astray_;
+  DroppedFrames overflow_;
+  DroppedFrames astray_;
   std::vector<Warning> warnings_;                              // so far
   std::set<std::pair<std::uint32_t, std::string>> warned_of_;  // sensor and code
 };

@@ -16,10 +16,6 @@ class Queue {
   using Iterator = typename std::vector<T>::iterator;
   using ConstIterator = typename std::vector<T>::const_iterator;
 
-  Queue() = default;
-  template <class InputIterator>
-  Queue(InputIterator first, InputIterator last) : values_(first, last), last_(values_.size()) {}
-
   bool empty() const { return first_ == last_; }
   std::size_t size() const { return last_ - first_; }
 

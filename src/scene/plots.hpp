@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <vector>
 
 #include "base/maths.hpp"
@@ -55,18 +54,17 @@ struct Plot {
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();          // from the viewpoint of its frame
   Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();        // of its sensor, see CarrierPose
   Eigen::Vector3f carrier_ray_m = Eigen::Vector3f::Zero();  // the ray in the axes of the carrier
-  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
-  double lowest_m = 0.0;     // height of its lowest return above the ground
-  // Height over structure that may carry people and vehicles: a bridge or a roof; else infinity.
-  double above_structure_m = std::numeric_limits<double>::infinity();
-  double place_rate = 0.0;        // of its returns, see StationScene::FindPlots
-  double stray_group_rate = 0.0;  // of plots where dense strays are, if it is there; otherwise 0
-  double log_clutter = 0.0;       // log clutter intensity, per m^3 and frame of its sensor
-  bool is_floating = false;       // static and unsupported: MarkFloating
-  bool has_structure = false;     // returns at places that look like structure, unsupported
-  double column_m = 0.0;          // length of the column below it in which returns may be a body's
-  double watched_below = 1.0;     // share of that column that has rays, over its own; at most 1
-  std::uint32_t num_below = 0;    // returns of its frame in that column
+  double variance_m2 = 0.0;         // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;            // height of its lowest return above the ground
+  double place_rate = 0.0;          // of its returns, see StationScene::FindPlots
+  double stray_group_rate = 0.0;    // of plots where dense strays are, if it is there; otherwise 0
+  double log_clutter = 0.0;         // log clutter intensity, per m^3 and frame of its sensor
+  bool is_floating = false;         // static and unsupported: MarkFloating
+  bool is_above_structure = false;  // that may carry people and vehicles: a bridge or a roof
+  bool has_structure = false;       // returns at places that look like structure, unsupported
+  double column_m = 0.0;        // length of the column below it in which returns may be a body's
+  double watched_below = 1.0;   // share of that column that has rays, over its own; at most 1
+  std::uint32_t num_below = 0;  // returns of its frame in that column
   // Returns of its frame in line with that column, nearer and farther, if it is low and has none.
   std::uint32_t num_before_below = 0;
   std::uint32_t num_behind_below = 0;

@@ -144,7 +144,7 @@ void StationScene::SetAboveStructure(const Eigen::Vector3f& shift_m, Plot* plot)
   const Eigen::Vector3f place_m = plot->position_m.cast<float>() + shift_m;
   const double radius_m = kColumnRadius.At(plot->ray_m.norm());
   const double height_m = support_.HeightAboveStructureM(place_m, radius_m, kBelowPlotM, most_m);
-  if (plot->lowest_m - height_m > most_m) plot->above_structure_m = height_m;
+  plot->is_above_structure = plot->lowest_m - height_m > most_m;
 }
 
 void StationScene::SetPlaceRate(const IndexView& returns, Plot* plot) const {

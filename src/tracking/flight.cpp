@@ -12,29 +12,37 @@
 namespace unlidar {
 namespace {
 
-// Height of the lowest plot within a time of each: the lower parts of people and cars are not hit
-// in every frame.
-std::vector<double> LowestM(const std::vector<Plot>& path, TimeNs window_ns) {
-  std::vector<double> lowest_m;
-  auto first = path.begin();
-  auto last = path.begin();  // [first, last) is the window
-  for (const Plot& plot : path) {
-    while (first->frame_time_ns < plot.frame_time_ns - window_ns) ++first;
-    while (last != path.end() && last->frame_time_ns <= plot.frame_time_ns + window_ns) ++last;
-    lowest_m.push_back(std::min_element(first, last, By(&Plot::lowest_m))->lowest_m);
-  }
-  return lowest_m;
+// So long before and after a plot others are of the same part of its way: people and vehicles are
+// not hit from foot to head in every frame, nor is all of what carries them within reach of each
+// plot.
+constexpr TimeNs kSamePartNs = 750'000'000;
+
+// The plots of a path within a time of one of them.
+auto CloseInTime(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns) {
+  const TimeNs time_ns = plot.frame_time_ns;
+  return std::pair(FirstFrom(path, &Plot::frame_time_ns, time_ns - margin_ns),
+                   FirstFrom(path, &Plot::frame_time_ns, time_ns + margin_ns + 1));
+}
+
+// Height of the lowest of them.
+double LowestM(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns) {
+  const auto [first, last] = CloseInTime(path, plot, margin_ns);
+  return std::min_element(first, last, By(&Plot::lowest_m))->lowest_m;
 }
 
 // Numbers of the plots above a height over ground, as are all others close in time.
 std::vector<std::uint32_t> NumbersAbove(const std::vector<Plot>& path, double height_m) {
-  constexpr TimeNs kWindowNs = 750'000'000;
-  const std::vector<double> lowest_m = LowestM(path, kWindowNs);
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < path.size(); ++i) {
-    if (lowest_m[i] > height_m) numbers.push_back(i);
+    if (LowestM(path, path[i], kSamePartNs) > height_m) numbers.push_back(i);
   }
   return numbers;
+}
+
+// True if structure may carry a plot or one close in time.
+bool IsCarried(const std::vector<Plot>& path, const Plot& plot) {
+  const auto [first, last] = CloseInTime(path, plot, kSamePartNs);
+  return std::any_of(first, last, [](const Plot& one) { return one.is_above_structure; });
 }
 
 constexpr double kMinOccupancyBelow = 0.05;  // of any place below a drone, at least
@@ -199,16 +207,15 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
   const double hidden_below = HiddenShareBelow(path);
   double log_ratio = 0.0;  // body over drone
   std::vector<const Plot*> above_something;
-  const std::vector<double> lowest_m = LowestM(path, NsOf(kBodyMarginS));
-  for (std::size_t i = 0; i < path.size(); ++i) {
-    const Plot& plot = path[i];
+  for (const Plot& plot : path) {
     if (plot.lowest_m > config.off_ground_m) continue;
     if (plot.num_below > 0) {
       above_something.push_back(&plot);
       continue;
     }
     // method.md (10)
-    const double room_m = plot.watched_below * std::max(lowest_m[i] - kNotCountedM, 0.0);
+    const double room_m =
+        plot.watched_below * std::max(LowestM(path, plot, NsOf(kBodyMarginS)) - kNotCountedM, 0.0);
     const double own_share = kBodyPartM / (kBodyPartM + room_m);
     const double hidden = HiddenShare(plot.num_before_below, plot.num_behind_below, hidden_below);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), hidden);
@@ -243,7 +250,7 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
     high = NumbersAbove(path, std::min(kClearM, config.off_ground_m));
     if (!is_path(high)) return Rejection::kNearGround;
   }
-  EraseIf(&high, [&](std::uint32_t i) { return std::isfinite(path[i].above_structure_m); });
+  EraseIf(&high, [&](std::uint32_t i) { return IsCarried(path, path[i]); });
   if (!is_path(high)) return Rejection::kOnStructure;
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;

@@ -115,12 +115,28 @@ double Occupancy::MinExposed() const {
   return field_of_view().is_carrier_moving() ? std::min(share, kEnoughFromMoving) : share;
 }
 
+// Bins in which a place that is hit in `hits` was hit or nothing hid it. A place behind something
+// nearer is unobserved, not free. If it was seen through gaps of something nearer during this dwell
+// it can be seen so at other times, too.
+RecentBins Occupancy::VisibleBins(const Place& place, int age, const RecentBins& hits,
+                                  const Dwell& dwell) const {
+  if (hits == observed_) return observed_;
+  const auto [behind, unseen] = occlusion_.HiddenBins(place.point_m, newest_ - age, newest_);
+  const RecentBins through_gaps = hits & behind;
+  const bool is_through_gaps =
+      through_gaps.Size() > through_gaps.SizeOutside(dwell.youngest, dwell.oldest);
+  RecentBins hidden = unseen;
+  if (!is_through_gaps) hidden |= behind;
+  return observed_ - (hidden - hits);
+}
+
 // Judges a place by the bins outside its dwell. A dwell that takes most of the window leaves few to
 // judge it by: those of an earlier verdict on it count as well then, as a long hover must not
 // become structure, nor structure that a long dwell hides anything else.
 void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const {
   const bool was_structure = place->is_structure;
-  const RecentBins hits = HitsAround(point_m);
+  RecentBins hits = HitsOf(*place);
+  if (hits != observed_) hits = HitsAround(point_m);  // otherwise they would add nothing
   const Dwell dwell = DwellAt(hits, age, max_break_);
   const std::int32_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
   place->dwell_last = newest_ - dwell.youngest;
@@ -129,15 +145,7 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   }
   const int num_observed = observed_.Size();
   const double min_exposed = MinExposed();
-  // A place behind something nearer is unobserved, not free. If it was seen through gaps of
-  // something nearer during this dwell it can be seen so at other times, too.
-  const auto [behind, unseen] = occlusion_.HiddenBins(place->point_m, newest_ - age, newest_);
-  const RecentBins through_gaps = hits & behind;
-  const bool is_through_gaps =
-      through_gaps.Size() > through_gaps.SizeOutside(dwell.youngest, dwell.oldest);
-  RecentBins hidden = unseen;
-  if (!is_through_gaps) hidden |= behind;
-  const RecentBins visible = observed_ - (hidden - hits);
+  const RecentBins visible = VisibleBins(*place, age, hits, dwell);
   int exposed = visible.SizeOutside(dwell.youngest, dwell.oldest);
   int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
   const int num_in_dwell = num_observed - observed_.SizeOutside(dwell.youngest, dwell.oldest);

@@ -132,6 +132,8 @@ class Occupancy {
   void Age(Place* place) const;
   RecentBins HitsOf(const Place& place) const;  // up to the newest bin
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
+  RecentBins VisibleBins(const Place& place, int age, const RecentBins& hits,
+                         const Dwell& dwell) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
   double EvenRate(const Eigen::Vector3f& point_m, const RecentBins& bins) const;

@@ -50,6 +50,9 @@ class RecentBins {
     return *this;
   }
 
+  friend bool operator==(const RecentBins& a, const RecentBins& b) { return a.words_ == b.words_; }
+  friend bool operator!=(const RecentBins& a, const RecentBins& b) { return !(a == b); }
+
   friend RecentBins operator&(RecentBins a, const RecentBins& b) {
     for (std::size_t w = 0; w < kWords; ++w) a.words_[w] &= b.words_[w];
     return a;

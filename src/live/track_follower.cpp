@@ -69,32 +69,42 @@ void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime
   }
 }
 
-// Predicts all leaves, sets their current scores and the best association of each plot and model.
+// Sets the current scores of all leaves and the best association of each plot and model. Most
+// leaves are worse than others at every plot however near they are: they are not predicted.
 void TrackFollower::Associate(const std::vector<LivePlot>& plots,
                               const std::vector<char>& is_allowed, const FrameTime& at) {
   const std::size_t num_models = models_->size();
   std::vector<Association>& associations = scratch_.associations;
   associations.assign(plots.size() * num_models, Association());
-  scratch_.predictions.clear();
-  for (std::size_t leaf = 0; leaf < leaves_.size(); ++leaf) {
-    Node& node = NodeAt(leaves_[leaf]);
+  scratch_.predicted.clear();
+  FrameBounds bounds;
+  for (const LivePlot& seen : plots) bounds.Include(seen.plot);
+  for (const std::int32_t leaf : leaves_) {
+    Node& node = NodeAt(leaf);
     const TrackModel& model = (*models_)[node.model];
-    const double dt_s = at.time_s - node.h.time_s;
-    const Motion motion = model.MotionOver(dt_s);
+    const Motion motion = model.MotionOver(at.time_s - node.h.time_s);
     node.current_score = model.ScoreAfterMisses(node.h, at);
     const double predicted_score =
         at.sensor == node.h.sensor ? node.current_score : model.PredictedScore(node.h, at);
-    const Prediction p = model.Predict(node.h, predicted_score, motion, at);
-    scratch_.predictions.emplace_back(motion, p);
+    const double top = TopOf(predicted_score + model.LogDetectionProbabilityOf(node.h, at),
+                             SteadyVariancesOf(node.h.state, motion), bounds);
+    bool is_predicted = false;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (!is_allowed[i]) continue;
       const Plot& plot = plots[i].plot;
+      Association& association = associations[i * num_models + node.model];
+      if (top - plot.log_clutter < association.score - kRoundingSlack) continue;
+      if (!std::exchange(is_predicted, true)) {
+        scratch_.predicted.push_back(
+            {leaf, motion, model.Predict(node.h, predicted_score, motion, at)});
+      }
+      const Prediction& p = scratch_.predicted.back().prediction;
       const double reach_m = kGateSigmas * std::sqrt(p.agile.position_m2 + plot.variance_m2) +
                              0.2 * p.velocity_mps.norm();
       if ((plot.position_m - p.position_m).squaredNorm() > reach_m * reach_m) continue;
       const ScoreIncrement gain = model.ScoreIncrementOf(p, plot);
-      Association& association = associations[i * num_models + node.model];
-      if (p.score + gain.log > association.score) association = {p.score + gain.log, leaf, gain};
+      if (p.score + gain.log <= association.score) continue;
+      association = {p.score + gain.log, scratch_.predicted.size() - 1, gain};
     }
   }
 }
@@ -116,8 +126,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
     for (std::size_t m = 0; m < num_models; ++m) {
       const Association& association = scratch_.associations[i * num_models + m];
       if (!association.exists()) continue;
-      const std::int32_t leaf = leaves_[association.leaf];
-      const auto& [motion, prediction] = scratch_.predictions[association.leaf];
+      const auto& [leaf, motion, prediction] = scratch_.predicted[association.predicted];
       Node node = NodeAt(leaf);
       node.h = (*models_)[node.model].Update(node.h, motion, prediction, plots[i].plot, at,
                                              association.gain);

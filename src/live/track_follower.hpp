@@ -83,18 +83,24 @@ class TrackFollower {
   // The best predecessor of a plot, for a model.
   struct Association {
     double score = -1e300;
-    std::size_t leaf = 0;  // its position in leaves_
+    std::size_t predicted = 0;  // index of its prediction
     ScoreIncrement gain;
 
     bool exists() const { return score > -1e300; }
   };
 
+  struct PredictedLeaf {
+    std::int32_t leaf = kNoIndex;
+    Motion motion;
+    Prediction prediction;
+  };
+
   // Buffers, reused from frame to frame.
   struct Scratch {
-    std::vector<Association> associations;                   // (plots, models)
-    std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves_)
-    std::vector<std::pair<double, std::int32_t>> ranking;    // of the next leaves: (-score, leaf)
-    std::vector<std::int32_t> moved;                         // (nodes) new indices
+    std::vector<Association> associations;                 // (plots, models)
+    std::vector<PredictedLeaf> predicted;                  // leaves that may be the best of a plot
+    std::vector<std::pair<double, std::int32_t>> ranking;  // of the next leaves: (-score, leaf)
+    std::vector<std::int32_t> moved;                       // (nodes) new indices
   };
 
   Node& NodeAt(std::int32_t index) { return nodes_[static_cast<std::size_t>(index)]; }

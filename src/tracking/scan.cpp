@@ -12,17 +12,10 @@ void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>
   scan->plots = plots;
   scan->at = at;
   scan->entries.clear();
-  FrameBounds& bounds = scan->bounds;
-  bounds = FrameBounds();
-  bounds.min_variance_m2 = plots[0].variance_m2;
-  bounds.streak_s = plots[0].streak_s;
+  scan->bounds = FrameBounds();
   std::size_t count = 0;
   for (; count < num_plots && plots[count].frame == plots[0].frame; ++count) {
-    const Plot& plot = plots[count];
-    bounds.min_variance_m2 = std::min(bounds.min_variance_m2, plot.variance_m2);
-    bounds.max_variance_m2 = std::max(bounds.max_variance_m2, plot.variance_m2);
-    bounds.half_span_s =
-        std::max(bounds.half_span_s, SecondsOf(std::abs(plot.time_ns - plot.frame_time_ns)));
+    scan->bounds.Include(plots[count]);
   }
   scan->last = first + count;
   scan->positions_m.Reset(count, [&](std::size_t i) { return plots[i].position_m; });

@@ -82,6 +82,13 @@ Eigen::Vector3d VelocityAfter(const State& state, const Motion& motion) {
 
 }  // namespace
 
+void FrameBounds::Include(const Plot& plot) {
+  min_variance_m2 = std::min(min_variance_m2, plot.variance_m2);
+  max_variance_m2 = std::max(max_variance_m2, plot.variance_m2);
+  streak_s = std::max(streak_s, plot.streak_s);
+  half_span_s = std::max(half_span_s, std::abs(OffsetS(plot)));
+}
+
 Eigen::Vector3d PositionAfter(const State& state, const Motion& motion) {
   return state.mean.col(0) + (motion.transition(0, 1) * state.mean.col(1) +
                               motion.transition(0, 2) * state.mean.col(2));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "scene/plots.hpp"
@@ -112,10 +113,12 @@ struct ScoreIncrement {
 
 // Bounds over the plots of a frame.
 struct FrameBounds {
-  double min_variance_m2 = 0.0;
+  double min_variance_m2 = std::numeric_limits<double>::infinity();
   double max_variance_m2 = 0.0;
   double streak_s = 0.0;
   double half_span_s = 0.0;  // largest time of a plot from the middle of the frame
+
+  void Include(const Plot& plot);
 };
 
 // Upper bound of the score of a prediction and a plot at some distance, without the terms that

@@ -151,8 +151,13 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
     }
   }
   if (next.empty()) return;  // no hypothesis is left: the track ends
-  std::sort(next.begin(), next.end());
-  next.resize(std::min(next.size(), max_hypotheses_));
+  const auto nth = [&](std::size_t count) {
+    return next.begin() + static_cast<std::ptrdiff_t>(std::min(count, next.size()));
+  };
+  std::nth_element(next.begin(), nth(max_hypotheses_), next.end());
+  next.erase(nth(max_hypotheses_), next.end());
+  // The best are associated first, as their scores bound the others.
+  std::partial_sort(next.begin(), nth(kMaxHypotheses), next.end());
   leaves_.clear();
   for (const auto& [negated_score, leaf] : next) leaves_.push_back(leaf);
 }

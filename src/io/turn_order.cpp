@@ -53,13 +53,14 @@ bool SetTimesOfTurn(const std::vector<Eigen::Vector3f>& points_m, const SensorCo
     if (farthest_rad - forward_rad > kShotWidthRad) return false;
   }
   const double length_ns = static_cast<double>(end_ns - begin_ns);
-  times_ns->clear();
-  std::size_t k = 0;  // the sample before
-  for (std::size_t i = 0; i <= last; ++i) {
-    if (k + 1 < kSampledReturns && i == sampled(k + 1)) ++k;
-    const double rad = turned_rad[k] + WrappedRad(azimuth_of_rad(points_m[i]) - azimuth_rad[k]);
-    const double share = std::clamp(rad / turn_rad, 0.0, 1.0);
-    times_ns->push_back(begin_ns + static_cast<TimeNs>(share * length_ns));
+  times_ns->resize(points_m.size());
+  for (std::size_t k = 0; k < kSampledReturns; ++k) {
+    const std::size_t next = k + 1 < kSampledReturns ? sampled(k + 1) : points_m.size();
+    for (std::size_t i = sampled(k); i < next; ++i) {
+      const double rad = turned_rad[k] + WrappedRad(azimuth_of_rad(points_m[i]) - azimuth_rad[k]);
+      const double share = std::clamp(rad / turn_rad, 0.0, 1.0);
+      (*times_ns)[i] = begin_ns + static_cast<TimeNs>(share * length_ns);
+    }
   }
   return true;
 }

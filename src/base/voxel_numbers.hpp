@@ -54,6 +54,14 @@ class VoxelNumbers {
     return size_++;
   }
 
+  // Calls visit(grid, key) for all voxels.
+  template <class Visit>
+  void VisitAll(const Visit& visit) const {
+    for (const Slot& slot : slots_) {
+      if (!slot.IsFree()) visit(slot.grid, slot.Key());
+    }
+  }
+
   // Removes all voxels; keeps the memory.
   void Clear() {
     std::fill(slots_.begin(), slots_.end(), Slot());

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "base/voxel_blocks.hpp"
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
 #include "unlidar/config.hpp"
@@ -66,7 +67,10 @@ class ShellTable {
         points_m.size(), touch,
         [&](Touched& touched) {
           touched.number = numbers_.FindOrAdd(touched.shell, touched.key, touched.hash);
-          if (touched.number == values_.size()) values_.push_back(initial);
+          if (touched.number == values_.size()) {
+            values_.push_back(initial);
+            blocks_.Add(touched.shell, touched.key);
+          }
           if (touched.is_own && own != nullptr) own->numbers[touched.point] = touched.number;
         },
         [&](const Touched& touched) {
@@ -106,6 +110,7 @@ class ShellTable {
     const std::size_t shell_index = ShellAt(static_cast<double>(point_m.norm()));
     const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
     const auto shell = static_cast<std::uint32_t>(shell_index);
+    if (!blocks_.MayHaveAround(shell, home)) return;  // as in the air
     // The table exceeds the cache: all slots are prefetched before the first one is read.
     struct Slot {
       VoxelKey key;
@@ -155,6 +160,8 @@ class ShellTable {
     values_.erase(values_.begin() + kept, values_.end());
     ++num_erasures_;
     numbers_.Renumber(moved_, kept);
+    blocks_.Clear();
+    numbers_.VisitAll([&](std::uint32_t shell, VoxelKey key) { blocks_.Add(shell, key); });
   }
 
   // Calls visit(value) for all voxels, in order of creation.
@@ -272,6 +279,7 @@ class ShellTable {
 
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
+  VoxelBlocks blocks_;
   std::vector<Value> values_;         // by number
   std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
   std::vector<Touched> touched_;      // by a part of the points

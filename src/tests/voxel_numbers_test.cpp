@@ -62,5 +62,19 @@ TEST(VoxelNumbers, AreThoseOfATreeWhateverIsDropped) {
   }
 }
 
+TEST(VoxelNumbers, VisitsEachVoxelOnce) {
+  VoxelNumbers numbers;
+  std::map<VoxelKey, int> visits;
+  numbers.VisitAll([&](std::uint32_t, VoxelKey key) { ++visits[key]; });
+  EXPECT_TRUE(visits.empty());
+  for (VoxelKey key = 0; key < 1000; ++key) numbers.FindOrAdd(key % VoxelNumbers::kGrids, key);
+  numbers.VisitAll([&](std::uint32_t grid, VoxelKey key) {
+    EXPECT_EQ(grid, key % VoxelNumbers::kGrids);
+    ++visits[key];
+  });
+  EXPECT_EQ(visits.size(), numbers.size());
+  for (const auto& [key, count] : visits) EXPECT_EQ(count, 1);
+}
+
 }  // namespace
 }  // namespace unlidar

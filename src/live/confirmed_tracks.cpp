@@ -68,6 +68,7 @@ const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& pl
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
     tracks_[t].follower->Extend(tracks_[t].adapted_plots, are_allowed_, at);
+    tracks_[t].is_new = false;
   }
   return are_free_;
 }
@@ -116,10 +117,12 @@ int ConfirmedTracks::Initiate(const Flight& flight) {
   return track.number;
 }
 
-void ConfirmedTracks::Judge(const RecentPlots& seen, double time_s) {
+void ConfirmedTracks::Judge(const RecentPlots& seen, double time_s, bool may_wait) {
   for (auto track = tracks_.begin(); track != tracks_.end();) {
     TrackFollower& follower = *track->follower;
-    if (!track->verdict || time_s >= track->verdict->next_judgement_s) {
+    const bool is_due =
+        track->verdict ? time_s >= track->verdict->next_judgement_s : !(may_wait && track->is_new);
+    if (is_due) {
       if (!track->is_reported) follower.Fit(fitter_);
       const std::optional<TrackValidator::Verdict> before = track->verdict;
       track->verdict = validator_.Judge(track->number, follower, track->is_reported, seen, time_s,
@@ -248,7 +251,8 @@ void ConfirmedTracks::Predict(TimeNs newest_ns) {
 // that they settle to settled_.
 void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns,
                                  double extrapolated_share) {
-  if (!track->verdict || track->verdict->rejection != Rejection::kNone) {
+  if (!track->verdict) return;
+  if (track->verdict->rejection != Rejection::kNone) {
     unreported_.clear();
     track->follower->Settle(until_ns - NsOf(kMaxUnreportedS), &unreported_);
     return;

@@ -56,7 +56,8 @@ class ConfirmedTracks {
 
   // Validates the tracks against recent plots, `seen` in order of frames. A track that may not be a
   // drone is followed without rows; a reported one that proves to be a cloud or an insect ends.
-  void Judge(const RecentPlots& seen, double time_s);
+  // `may_wait`: the first verdict on a track that begins with this frame is left to the next.
+  void Judge(const RecentPlots& seen, double time_s, bool may_wait = false);
 
   // Emits the rows that are due when `newest_ns` is the newest stamp and frames were searched until
   // `searched_ns`. Returns the plots that are now settled in a track, valid until the next call.
@@ -98,6 +99,7 @@ class ConfirmedTracks {
     KindFilter kind;
     TimeNs emitted_until_ns = std::numeric_limits<TimeNs>::min();  // time of the last row
     bool is_reported = false;
+    bool is_new = true;  // begins with the frame searched last
   };
 
   static void SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track);

@@ -54,6 +54,7 @@ void LiveTracker::Close(TimeNs newest_ns) {
   scene_.Close();
   MakePlots(scene_.num_waiting());
   SearchUntil(std::numeric_limits<TimeNs>::max());
+  tracks_.Judge(search_.seen(), frame_.time_s);
   tracks_.Close(newest_ns);
 }
 
@@ -78,7 +79,9 @@ void LiveTracker::Search() {
   const TimeNs middle_ns = frame_.info.middle_ns();
   searched_ns_ = std::max(searched_ns_, middle_ns);
   Confirm();
-  tracks_.Judge(search_.seen(), frame_.time_s);
+  // To follow a new track back takes long enough in a large frame: its first fit can wait.
+  const bool is_large = frame_.info.last_return - frame_.info.first_return > kManyReturns;
+  tracks_.Judge(search_.seen(), frame_.time_s, is_large);
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.RemoveFromClutter(tracks_.EndLost(lost_ns, searched_ns_));
   if (trace_.is_on()) trace_.EndFrame(search_.SensorAt(frame_.info.sensor), frame_);

@@ -135,6 +135,25 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   EXPECT_EQ(t.tracks.Extend(plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
+TEST(ConfirmedTracks, TheFirstVerdictOnANewOneMayWaitForTheNextFrame) {
+  Tracks t;
+  constexpr int kEnd = 400;
+  for (int i = 0; i <= kEnd; ++i) {
+    t.tracks.AddInstants(FrameAt(i));
+    t.seen.push_back(CirclingAt(i));
+  }
+  const auto judge_in_large_frame = [&](int i) {
+    t.tracks.Judge(t.seen, CirclingAt(i).time_s, true);
+    t.tracks.EmitRows(FrameAt(i).middle_ns(), FrameAt(2 * kEnd).stamp_ns);
+  };
+  t.tracks.Initiate(FlightUntil(kEnd, CirclingAt));
+  judge_in_large_frame(kEnd - 1);
+  EXPECT_TRUE(t.rows.empty());
+  t.tracks.Extend({CirclingAt(kEnd)}, MomentAt(kEnd));
+  judge_in_large_frame(kEnd);
+  EXPECT_GE(t.rows.size(), static_cast<std::size_t>(kEnd));  // from its first plot on
+}
+
 TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   Tracks t;
   t.Initiate(FlightUntil(20, DroneAt));

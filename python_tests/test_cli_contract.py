@@ -113,7 +113,8 @@ def test_sigma_grows_across_a_gap(flight: Flight, tmp_path: Path) -> None:
     of_stamp = {s: i for i, s in enumerate(traj.stamps)}
     inside = of_stamp[seconds(flight.stamps_ns[30])]
     outside = of_stamp[seconds(flight.stamps_ns[15])]
-    assert traj.sigma_m[inside].max() > 1.5 * traj.sigma_m[outside].max()
+    # Along the ray a part is common to all rows.
+    assert traj.sigma_m[inside].max() > 1.25 * traj.sigma_m[outside].max()
     assert traj.support[inside] == 0
 
 

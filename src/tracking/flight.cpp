@@ -12,37 +12,23 @@
 namespace unlidar {
 namespace {
 
-// So long before and after a plot others are of the same part of its way: people and vehicles are
-// not hit from foot to head in every frame, nor is all of what carries them within reach of each
-// plot.
-constexpr TimeNs kSamePartNs = 750'000'000;
-
-// The plots of a path within a time of one of them.
-auto CloseInTime(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns) {
-  const TimeNs time_ns = plot.frame_time_ns;
-  return std::pair(FirstFrom(path, &Plot::frame_time_ns, time_ns - margin_ns),
-                   FirstFrom(path, &Plot::frame_time_ns, time_ns + margin_ns + 1));
-}
-
-// Height of the lowest of them.
+// Height of the lowest plot of a path within a time of one of them: the lower parts of people and
+// cars are not hit in every frame.
 double LowestM(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns) {
-  const auto [first, last] = CloseInTime(path, plot, margin_ns);
+  const TimeNs time_ns = plot.frame_time_ns;
+  const auto first = FirstFrom(path, &Plot::frame_time_ns, time_ns - margin_ns);
+  const auto last = FirstFrom(path, &Plot::frame_time_ns, time_ns + margin_ns + 1);
   return std::min_element(first, last, By(&Plot::lowest_m))->lowest_m;
 }
 
 // Numbers of the plots above a height over ground, as are all others close in time.
 std::vector<std::uint32_t> NumbersAbove(const std::vector<Plot>& path, double height_m) {
+  constexpr TimeNs kMarginNs = 750'000'000;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < path.size(); ++i) {
-    if (LowestM(path, path[i], kSamePartNs) > height_m) numbers.push_back(i);
+    if (LowestM(path, path[i], kMarginNs) > height_m) numbers.push_back(i);
   }
   return numbers;
-}
-
-// True if structure may carry a plot or one close in time.
-bool IsCarried(const std::vector<Plot>& path, const Plot& plot) {
-  const auto [first, last] = CloseInTime(path, plot, kSamePartNs);
-  return std::any_of(first, last, [](const Plot& one) { return one.is_above_structure; });
 }
 
 constexpr double kMinOccupancyBelow = 0.05;  // of any place below a drone, at least
@@ -250,7 +236,7 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
     high = NumbersAbove(path, std::min(kClearM, config.off_ground_m));
     if (!is_path(high)) return Rejection::kNearGround;
   }
-  EraseIf(&high, [&](std::uint32_t i) { return IsCarried(path, path[i]); });
+  EraseIf(&high, [&](std::uint32_t i) { return path[i].is_above_structure; });
   if (!is_path(high)) return Rejection::kOnStructure;
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;

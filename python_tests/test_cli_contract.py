@@ -101,7 +101,7 @@ def test_without_a_drone_there_is_only_a_header_and_one_line_on_stderr(
 
 
 def test_sigma_grows_across_a_gap(flight: Flight, tmp_path: Path) -> None:
-    gap = range(25, 35)
+    gap = range(24, 36)  # 1.2 s: a part of sigma is common to all rows, along the ray
     with_gap = Flight(
         flight.stamps_ns,
         [c[c[:, 2] < 5] if i in gap else c for i, c in enumerate(flight.clouds)],
@@ -113,8 +113,7 @@ def test_sigma_grows_across_a_gap(flight: Flight, tmp_path: Path) -> None:
     of_stamp = {s: i for i, s in enumerate(traj.stamps)}
     inside = of_stamp[seconds(flight.stamps_ns[30])]
     outside = of_stamp[seconds(flight.stamps_ns[15])]
-    # Along the ray a part is common to all rows.
-    assert traj.sigma_m[inside].max() > 1.25 * traj.sigma_m[outside].max()
+    assert traj.sigma_m[inside].max() > 1.5 * traj.sigma_m[outside].max()
     assert traj.support[inside] == 0
 
 

@@ -218,26 +218,33 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     return verdicts;
   };
 
-  // Targets of the first round are removed from the clutter of the second, which is then more
-  // sensitive. Static unsupported plots are no clutter from the start.
+  // The plots of targets are no clutter, which makes a second round more sensitive; it suffices to
+  // know them roughly. Static unsupported plots are none from the start.
   std::vector<char> assigned(plots.size());
   std::transform(plots.begin(), plots.end(), assigned.begin(), [](const Plot& plot) {
     return static_cast<char>(plot.is_floating && plot.has_structure);
   });
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
-  const int num_rounds = config.Uses(Rule::kSecondRound) ? 2 : 1;
-  for (int round = 0; round < num_rounds; ++round) {
-    multi_station_plots.EstimateClutter(assigned);
-    paths = FindPaths(plots, scan_schedule, config.tracker);
-    const std::vector<char> before = assigned;
+  const auto roughly = [&] { return FindPathsRoughly(plots, scan_schedule, config.tracker); };
+  const auto thoroughly = [&] { return FindPaths(plots, scan_schedule, config.tracker); };
+  bool is_clutter_current = false;
+  // Returns true if any path is a target.
+  const auto search = [&](const auto& find) {
+    if (!is_clutter_current) multi_station_plots.EstimateClutter(assigned);
+    is_clutter_current = true;
+    paths = find();
     verdicts = verdicts_of(paths);
     for (std::size_t k = 0; k < paths.size(); ++k) {
       if (verdicts[k].rejection != Rejection::kNone) continue;
       for (const std::uint32_t i : paths[k].plots) assigned[i] = 1;
+      is_clutter_current = false;
     }
-    if (assigned == before) break;
-  }
+    return !is_clutter_current;
+  };
+  const bool has_second_round = config.Uses(Rule::kSecondRound);
+  const bool is_second_round = has_second_round && search(roughly);
+  if (search(thoroughly) && has_second_round && !is_second_round) search(thoroughly);
   const std::vector<char>& are_bodies = multi_station_plots.are_bodies();
   result.counts = {multi_station_plots.num_unexplained(),
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),

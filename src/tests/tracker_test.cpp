@@ -243,6 +243,36 @@ TEST(FindPaths, CrossingTargetsKeepTheirOwnContinuation) {
   }
 }
 
+TEST(FindPaths, TheRoughOnesHaveThePlotsOfTheTargetsAndNoOthers) {
+  for (std::uint32_t seed = 0; seed < 5; ++seed) {
+    Random random(seed);
+    std::vector<Plot> plots;
+    AddClutter(10.0, 60, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
+    const double log_clutter = plots.front().log_clutter;
+    SortByTime(&plots);
+    EXPECT_TRUE(FindPathsRoughly(plots, WatchOver(plots), TrackerConfig()).empty()) << seed;
+    const std::vector<Flight> flights = {
+        [](double t) { return Eigen::Vector3d(5.0 * (t - 3.0), 10.0, 10.0); },
+        [](double t) { return Eigen::Vector3d(0.2, 30.0 + 2.0 * std::sin(t), 15.0); }};
+    for (const auto& at : flights) AddFlight(at, 60, 0.8, log_clutter, &random, &plots);
+    SortByTime(&plots);
+    const std::vector<Path> paths = FindPathsRoughly(plots, WatchOver(plots), TrackerConfig());
+    ASSERT_EQ(paths.size(), flights.size()) << seed;
+    for (const Path& path : paths) {
+      EXPECT_GT(path.plots.size(), 40U) << seed;
+      EXPECT_GT(Purity(path, plots, flights), 0.95) << seed;
+      const auto is_apart = [&](std::uint32_t i) {
+        const double time_s = testing::SecondsSinceBegin(plots[i].time_ns);
+        return std::all_of(flights.begin(), flights.end(), [&](const Flight& at) {
+          return (plots[i].position_m - at(time_s)).norm() > 2.0;
+        });
+      };
+      EXPECT_LE(std::count_if(path.plots.begin(), path.plots.end(), is_apart), 2) << seed;
+    }
+    ExpectPlainScores(paths, plots, TrackerConfig());
+  }
+}
+
 TEST(FindPaths, AllOfASwarmAreFoundHoweverFewWeakPathsAreLookedAt) {
   constexpr int kTargets = 25;  // more than the weak paths that are looked at
   Random random(3);

@@ -23,11 +23,11 @@ constexpr double kMinWeakPathLog = 7.0;
 // Searches through the same plots, one per sigma_a.
 using TrackSearches = std::vector<std::optional<TrackSearch>>;
 
-// Searches the free plots for paths above `min_score`.
+// Searches the free plots for paths above `min_score` with each of these sigma_a.
 TrackSearches SearchScans(const std::vector<Scan>& scans, const std::vector<double>& log_births,
                           const std::vector<char>& free, double min_score,
-                          const ScanSchedule& scan_schedule, const TrackerConfig& config) {
-  const std::vector<double>& sigmas = config.sigma_a_mps2;
+                          const std::vector<double>& sigmas, const ScanSchedule& scan_schedule,
+                          const TrackerConfig& config) {
   TrackSearches searches(sigmas.size());
   ParallelFor(sigmas.size(), [&](std::size_t i) {
     searches[i].emplace(log_births, scans, free, min_score,
@@ -71,6 +71,17 @@ class PathFinder {
     return paths;
   }
 
+  std::vector<Path> FindRoughly() {
+    std::vector<Path> paths;
+    for (bool found = true; found;) {
+      TrackSearches searches = SearchOnce(kInitiationLog);
+      found = ExtractFrom(&searches, 0, &paths);
+    }
+    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
+    for (Path& path : paths) path = judge.WithScore(std::move(path.plots));
+    return paths;
+  }
+
   const Effort& effort() const { return effort_; }
 
  private:
@@ -79,7 +90,21 @@ class PathFinder {
   }
 
   TrackSearches Search(const std::vector<char>& free, double min_score) const {
-    return SearchScans(scans_, log_births_, free, min_score, scan_schedule_, config_);
+    return SearchScans(scans_, log_births_, free, min_score, config_.sigma_a_mps2, scan_schedule_,
+                       config_);
+  }
+
+  // Searches the free plots with the middle sigma_a alone, in a third of the time.
+  TrackSearches SearchOnce(double min_score) const {
+    const std::vector<double>& sigmas = config_.sigma_a_mps2;
+    return SearchScans(scans_, log_births_, free_, min_score, {sigmas[sigmas.size() / 2]},
+                       scan_schedule_, config_);
+  }
+
+  // Searches what the paths found so far have left: mostly clutter, as one sigma_a tells.
+  TrackSearches SearchRest() const {
+    TrackSearches searches = SearchOnce(kMinWeakPathLog);
+    return IsStrong(BestOf(&searches)) ? Search(free_, kMinWeakPathLog) : searches;
   }
 
   void SetFree(const Path& path, char value) {
@@ -91,23 +116,28 @@ class PathFinder {
   // number of paths below kInitiationLog is limited.
   std::vector<Path> ExtractPaths() {
     std::vector<Path> paths;
-    int num_weak = 0;
-    for (bool found = true; found;) {
-      found = false;
-      TrackSearches searches = Search(free_, kMinWeakPathLog);
-      while (true) {
-        Path best = BestOf(&searches);
-        if (best.plots.empty()) break;
-        // A path hidden by a weak one is weak, too.
-        const bool is_strong = IsStrong(best);
-        if (!is_strong && num_weak == kMaxWeakPaths) break;
-        found = found || is_strong;
-        if (!is_strong) ++num_weak;
-        SetFree(best, 0);
-        paths.push_back(std::move(best));
-      }
-    }
+    TrackSearches searches = Search(free_, kMinWeakPathLog);
+    while (ExtractFrom(&searches, kMaxWeakPaths, &paths)) searches = SearchRest();
     return paths;
+  }
+
+  // Appends the paths of a search, the weak ones until there are `max_weak`. Returns true if any is
+  // strong.
+  bool ExtractFrom(TrackSearches* searches, int max_weak, std::vector<Path>* paths) {
+    auto num_weak = std::count_if(paths->begin(), paths->end(),
+                                  [](const Path& path) { return !IsStrong(path); });
+    bool found = false;
+    while (true) {
+      Path best = BestOf(searches);
+      if (best.plots.empty()) return found;
+      // A path hidden by a weak one is weak, too.
+      const bool is_strong = IsStrong(best);
+      if (!is_strong && num_weak == max_weak) return found;
+      found = found || is_strong;
+      if (!is_strong) ++num_weak;
+      SetFree(best, 0);
+      paths->push_back(std::move(best));
+    }
   }
 
   // Free plots that a target could share with some plot of the path.
@@ -149,7 +179,7 @@ class PathFinder {
     const ScanSchedule scan_schedule = TimeReversed(scan_schedule_);
     const std::vector<char> all(plots.size(), 1);
     TrackSearches searches = SearchScans(ScansOf(plots, log_births, scan_schedule), log_births, all,
-                                         0.0, scan_schedule, config_);
+                                         0.0, config_.sigma_a_mps2, scan_schedule, config_);
     std::vector<std::uint32_t> members;
     for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
     std::reverse(members.begin(), members.end());
@@ -252,6 +282,11 @@ std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& 
   std::stable_sort(paths.begin(), paths.end(),
                    [](const Path& a, const Path& b) { return a.score > b.score; });
   return paths;
+}
+
+std::vector<Path> FindPathsRoughly(const std::vector<Plot>& plots,
+                                   const ScanSchedule& scan_schedule, const TrackerConfig& config) {
+  return PathFinder(plots, scan_schedule, config).FindRoughly();
 }
 
 }  // namespace unlidar

@@ -57,28 +57,24 @@ class PathFinder {
         free_(plots.size(), 1) {}
 
   std::vector<Path> Find() {
-    std::vector<Path> paths = ExtractPaths();
+    std::vector<Path> paths = ExtractPaths(false);
     const PathScorer scorer = Scorer(TimeOutOfView::kNone);
-    for (Path& path : paths) path = scorer.WithScore(std::move(path.plots));
+    SetScores(scorer, &paths);
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
       effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
       changed = SearchAgain(before, &paths) || SearchInReverse(scorer, &paths);
     }
-    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
-    for (Path& path : paths) path = judge.WithScore(std::move(path.plots));
-    effort_.pairs_compared += ImprovePaths(judge, config_, &paths);
+    Judge(&paths);
     return paths;
   }
 
   std::vector<Path> FindRoughly() {
-    std::vector<Path> paths;
-    for (bool found = true; found;) {
-      TrackSearches searches = SearchOnce(kInitiationLog);
-      found = ExtractFrom(&searches, 0, &paths);
-    }
-    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
-    for (Path& path : paths) path = judge.WithScore(std::move(path.plots));
+    std::vector<Path> paths = ExtractPaths(true);
+    const PathScorer scorer = Scorer(TimeOutOfView::kNone);
+    SetScores(scorer, &paths);
+    effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
+    Judge(&paths);
     return paths;
   }
 
@@ -89,22 +85,30 @@ class PathFinder {
     return PathScorer(plots_, log_births_, scan_schedule_, config_, time_out_of_view);
   }
 
-  TrackSearches Search(const std::vector<char>& free, double min_score) const {
-    return SearchScans(scans_, log_births_, free, min_score, config_.sigma_a_mps2, scan_schedule_,
-                       config_);
+  static void SetScores(const PathScorer& scorer, std::vector<Path>* paths) {
+    for (Path& path : *paths) path = scorer.WithScore(std::move(path.plots));
   }
 
-  // Searches the free plots with the middle sigma_a alone, in a third of the time.
-  TrackSearches SearchOnce(double min_score) const {
+  void Judge(std::vector<Path>* paths) {
+    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
+    SetScores(judge, paths);
+    effort_.pairs_compared += ImprovePaths(judge, config_, paths);
+  }
+
+  TrackSearches Search(const std::vector<char>& free, double min_score,
+                       const std::vector<double>& sigmas) const {
+    return SearchScans(scans_, log_births_, free, min_score, sigmas, scan_schedule_, config_);
+  }
+
+  // Searches the free plots, roughly with the middle sigma_a alone. The rest that a search has left
+  // is clutter nearly always, as that one tells as well.
+  TrackSearches SearchFree(bool is_rough, bool is_rest) const {
     const std::vector<double>& sigmas = config_.sigma_a_mps2;
-    return SearchScans(scans_, log_births_, free_, min_score, {sigmas[sigmas.size() / 2]},
-                       scan_schedule_, config_);
-  }
-
-  // Searches what the paths found so far have left: mostly clutter, as one sigma_a tells.
-  TrackSearches SearchRest() const {
-    TrackSearches searches = SearchOnce(kMinWeakPathLog);
-    return IsStrong(BestOf(&searches)) ? Search(free_, kMinWeakPathLog) : searches;
+    if (is_rough || is_rest) {
+      TrackSearches searches = Search(free_, kMinWeakPathLog, {sigmas[sigmas.size() / 2]});
+      if (is_rough || !IsStrong(BestOf(&searches))) return searches;
+    }
+    return Search(free_, kMinWeakPathLog, sigmas);
   }
 
   void SetFree(const Path& path, char value) {
@@ -114,30 +118,25 @@ class PathFinder {
   // Removing the best path of a search leaves most of its other paths valid, so paths are taken
   // from one search until none is left; then the remaining plots are searched again. Only the
   // number of paths below kInitiationLog is limited.
-  std::vector<Path> ExtractPaths() {
+  std::vector<Path> ExtractPaths(bool is_rough) {
     std::vector<Path> paths;
-    TrackSearches searches = Search(free_, kMinWeakPathLog);
-    while (ExtractFrom(&searches, kMaxWeakPaths, &paths)) searches = SearchRest();
-    return paths;
-  }
-
-  // Appends the paths of a search, the weak ones until there are `max_weak`. Returns true if any is
-  // strong.
-  bool ExtractFrom(TrackSearches* searches, int max_weak, std::vector<Path>* paths) {
-    auto num_weak = std::count_if(paths->begin(), paths->end(),
-                                  [](const Path& path) { return !IsStrong(path); });
-    bool found = false;
-    while (true) {
-      Path best = BestOf(searches);
-      if (best.plots.empty()) return found;
-      // A path hidden by a weak one is weak, too.
-      const bool is_strong = IsStrong(best);
-      if (!is_strong && num_weak == max_weak) return found;
-      found = found || is_strong;
-      if (!is_strong) ++num_weak;
-      SetFree(best, 0);
-      paths->push_back(std::move(best));
+    int num_weak = 0;
+    for (bool found = true; found;) {
+      found = false;
+      TrackSearches searches = SearchFree(is_rough, !paths.empty());
+      while (true) {
+        Path best = BestOf(&searches);
+        if (best.plots.empty()) break;
+        // A path hidden by a weak one is weak, too.
+        const bool is_strong = IsStrong(best);
+        if (!is_strong && num_weak == kMaxWeakPaths) break;
+        found = found || is_strong;
+        if (!is_strong) ++num_weak;
+        SetFree(best, 0);
+        paths.push_back(std::move(best));
+      }
     }
+    return paths;
   }
 
   // Free plots that a target could share with some plot of the path.
@@ -161,7 +160,7 @@ class PathFinder {
     SetFree(path, 0);
     effort_.plots_searched_again +=
         static_cast<std::size_t>(std::count(free.begin(), free.end(), 1));
-    TrackSearches searches = Search(free, path.score);
+    TrackSearches searches = Search(free, path.score, config_.sigma_a_mps2);
     return BestOf(&searches);
   }
 

@@ -44,7 +44,8 @@ struct Effort {
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort = nullptr);
 
-// Same, unsorted, by one search with the middle sigma_a, whose paths are not improved: for a start.
+// Same, unsorted, with the middle sigma_a alone and without searching changed paths again: tells in
+// a third of the time which plots belong to targets.
 std::vector<Path> FindPathsRoughly(const std::vector<Plot>& plots,
                                    const ScanSchedule& scan_schedule, const TrackerConfig& config);
 

@@ -6,9 +6,8 @@
 #include <optional>
 
 #include "collection/body.hpp"
-#include "collection/common_time_error.hpp"
 #include "collection/dwell_intervals.hpp"
-#include "collection/frame_length.hpp"
+#include "collection/frame_timing.hpp"
 #include "collection/sensor_biases.hpp"
 #include "collection/spots.hpp"
 #include "collection/visibility.hpp"
@@ -210,8 +209,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   std::sort(target.returns.begin(), target.returns.end());
 
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
-  std::vector<FrameLength> lengths(recording.sensors.size());
-  std::vector<CommonTimeError> time_errors(recording.sensors.size());
+  std::vector<FrameTiming> timings(recording.sensors.size());
   const int num_rounds = robust.Uses(Rule::kCollection) ? kMaxRounds : 0;
   TrajectoryScales scales;
   for (int round = 0; round < num_rounds; ++round) {
@@ -223,8 +221,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     const Visibility visibility(recording, station_models, trajectory, target.returns);
     std::vector<SensorMeasurement> sensor_measurements;
     BodySpread spread(config.extent_sigma_m);
-    lengths.assign(recording.sensors.size(), FrameLength());
-    time_errors.assign(recording.sensors.size(), CommonTimeError());
+    timings.assign(recording.sensors.size(), FrameTiming());
     std::vector<GatedFrame> gated_frames;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -259,9 +256,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       const Eigen::Vector3d viewpoint_m = ViewpointM(station, frame);
       spread.Add(recording, frame, viewpoint_m, members, gated.expected);
       if (!frame.is_timed) {
-        const Streak streak = StreakOf(recording, frame, viewpoint_m, members, velocity_mps);
-        lengths[frame.sensor].Add(streak, body);
-        time_errors[frame.sensor].Add(streak);
+        timings[frame.sensor].Add(StreakOf(recording, frame, viewpoint_m, members, velocity_mps),
+                                  body);
       }
       sensor_measurements.push_back(
           {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,
@@ -295,8 +291,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // All delays are relative to the main sensor.
-  target.time_bias_ns = NsOf(lengths[main_sensor].TimeBiasS());
-  target.time_sigma_s = std::sqrt(time_errors[main_sensor].VarianceS2());
+  target.time_bias_ns = NsOf(timings[main_sensor].TimeBiasS());
+  target.time_sigma_s = std::sqrt(timings[main_sensor].VarianceS2());
   return target;
 }
 

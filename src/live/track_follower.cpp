@@ -236,7 +236,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   const auto first = static_cast<std::ptrdiff_t>(settled->size());
   for (std::int32_t k = at; k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
     settled->push_back(PlotOf(NodeAt(k)));
-    UpdateFrameLength(NodeAt(k), &settled_lengths_);
+    AddToTimings(NodeAt(k), &settled_timings_);
   }
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;

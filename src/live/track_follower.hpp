@@ -9,8 +9,7 @@
 
 #include "base/queue.hpp"
 #include "collection/collect.hpp"
-#include "collection/common_time_error.hpp"
-#include "collection/frame_length.hpp"
+#include "collection/frame_timing.hpp"
 #include "live/live_plot.hpp"
 #include "live/recent_frame_times.hpp"
 #include "live/track_fit.hpp"
@@ -116,13 +115,12 @@ class TrackFollower {
   std::int32_t NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
   void Forget();
 
-  // Estimate of the frame length of a sensor, from this many returns of the target.
-  struct FrameLengthEstimate {
+  // Timing of a sensor, from this many returns of the target.
+  struct SensorTiming {
     int num_returns = 0;
-    FrameLength length;
-    CommonTimeError time_error;
+    FrameTiming frames;
   };
-  void UpdateFrameLength(const Node& node, std::vector<FrameLengthEstimate>* lengths) const;
+  void AddToTimings(const Node& node, std::vector<SensorTiming>* timings) const;
   void UpdateTiming();
 
   const std::vector<TrackModel>* models_;
@@ -143,8 +141,8 @@ class TrackFollower {
   double body_scatter_m2_;  // across ray and motion
   double body_count_;
   double body_sigma_m_;
-  std::vector<FrameLengthEstimate> settled_lengths_;  // (sensors) from settled plots,
-  std::vector<FrameLengthEstimate> lengths_;          // and from all confirmed ones
+  std::vector<SensorTiming> settled_timings_;  // (sensors) from settled plots,
+  std::vector<SensorTiming> timings_;          // and from all confirmed ones
   TimeNs time_bias_ns_ = 0;
   double time_sigma_s_ = 0.0;
   Scratch scratch_;

@@ -1,4 +1,4 @@
-// Fit of a followed track, and the frame length that it uses.
+// Fit of a followed track, and the timing of the frames that it uses.
 #include <algorithm>
 #include <cmath>
 
@@ -6,11 +6,10 @@
 
 namespace unlidar {
 
-void TrackFollower::UpdateFrameLength(const Node& node,
-                                      std::vector<FrameLengthEstimate>* lengths) const {
+void TrackFollower::AddToTimings(const Node& node, std::vector<SensorTiming>* timings) const {
   const Plot& plot = PlotOf(node).plot;
-  if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
-  FrameLengthEstimate& known = (*lengths)[plot.sensor];
+  if (plot.sensor >= timings->size()) timings->resize(plot.sensor + 1);
+  SensorTiming& known = (*timings)[plot.sensor];
   known.num_returns += static_cast<int>(plot.num_returns);
   if (plot.streak_s == 0.0) return;
   Streak streak;
@@ -20,24 +19,20 @@ void TrackFollower::UpdateFrameLength(const Node& node,
   streak.scatter_m2 = PlotOf(node).scatter_m2;
   streak.ray_m = plot.ray_m;
   streak.velocity_mps = node.h.state.mean.col(1);
-  known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
-  known.time_error.Add(streak);
+  known.frames.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
 }
 
 // Sets bias and common error of the times of the sensor with the most returns, as for a track of a
 // recording.
 void TrackFollower::UpdateTiming() {
-  lengths_ = settled_lengths_;
+  timings_ = settled_timings_;
   for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
-    UpdateFrameLength(NodeAt(k), &lengths_);
+    AddToTimings(NodeAt(k), &timings_);
   }
   const auto main =
-      std::max_element(lengths_.begin(), lengths_.end(),
-                       [](const FrameLengthEstimate& a, const FrameLengthEstimate& b) {
-                         return a.num_returns < b.num_returns;
-                       });
-  if (uses_frame_length_) time_bias_ns_ = NsOf(main->length.TimeBiasS());
-  time_sigma_s_ = std::sqrt(main->time_error.VarianceS2());
+      std::max_element(timings_.begin(), timings_.end(), By(&SensorTiming::num_returns));
+  if (uses_frame_length_) time_bias_ns_ = NsOf(main->frames.TimeBiasS());
+  time_sigma_s_ = std::sqrt(main->frames.VarianceS2());
 }
 
 void TrackFollower::Fit(TrajectoryFitter& fitter) {

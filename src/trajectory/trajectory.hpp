@@ -80,7 +80,7 @@ struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
   double depth_sigma_m = 0.0;             // common error of all measurements, along their rays
-  double time_sigma_s = 0.0;              // and of their times, see CommonTimeError
+  double time_sigma_s = 0.0;              // and of their times, see FrameTiming
   std::vector<AlternativeMode> alternative_modes;  // in time order
   TimeNs time_bias_ns = 0;  // true minus recorded time of its returns, on average
   double score = 0.0;       // track score (robust) or psi (paper)

@@ -1,8 +1,10 @@
-// Duration of frames without point times, from the streaks of moving targets.
+// Times of the returns in frames without point times, from the streaks of moving targets.
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -26,23 +28,37 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
                 const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
                 const Eigen::Vector3d& velocity_mps);
 
+// Bias and common error of the times of a target's returns in the frames of one sensor; both are
+// zero with point times.
+//
 // Many recordings keep only every n-th frame of a LiDAR with about 10 frames per second; a target
 // is then seen only at the beginning of the interval between two frames. The streak tells the two
 // cases apart: over an interval of 0.5 s it would be as long as the distance flown.
-class FrameLength {
+//
+// Where a scan repeats, a target is hit at nearly the same instant of each frame, and the time of
+// that instant less the middle of the frame is not averaged out by any number of frames. Where it
+// does not, the returns of one frame are of different times, and draw a streak as long as the way
+// flown in it. The streaks of slow and fast frames tell the two apart.
+class FrameTiming {
  public:
-  // True if the duration is ambiguous: intervals of up to 0.2 s are a normal frame.
-  static bool IsAmbiguous(double length_s) { return length_s > kLongestFrameS; }
-
   void Add(const Streak& streak, const BodySigmas& body);
 
-  // Expected time of the returns after the middle of the frame, given the streaks so far. Zero for
-  // frames with point times or at the frame rate of a LiDAR.
+  // Expected time of the returns after the middle of the frame, given the streaks so far. Zero at
+  // the frame rate of a LiDAR: intervals of up to kLongestFrameS are a normal frame.
   double TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }
 
+  // Variance of the common error; zero for longer intervals.
+  double VarianceS2() const;
+
  private:
+  static constexpr std::size_t kNumWidths = 12;
+
   double log_short_ = 0.0;    // log likelihood ratio: frame lasts one revolution
   double time_bias_s_ = 0.0;  // in that case
+  double length_s_ = 0.0;     // of the last normal frame
+  // Log likelihoods by the width of the body along the way of flight, which is not known.
+  std::array<double, kNumWidths> log_streak_{};
+  std::array<double, kNumWidths> log_instant_{};
 };
 
 }  // namespace unlidar

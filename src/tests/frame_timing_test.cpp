@@ -1,4 +1,4 @@
-#include "collection/common_time_error.hpp"
+#include "collection/frame_timing.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,11 +13,11 @@ const double kFrameSigmaS = kFrameS / std::sqrt(12.0);
 
 // Frames of a body that speeds up from 1 to 10 m/s, all its returns of one instant or each of its
 // own.
-CommonTimeError ErrorOf(bool is_instant, int returns, double body_m, double length_s = kFrameS) {
+FrameTiming TimingOf(bool is_instant, int returns, double body_m, double length_s = kFrameS) {
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0.0, body_m);
   std::uniform_real_distribution<double> uniform(-0.5 * length_s, 0.5 * length_s);
-  CommonTimeError error;
+  FrameTiming timing;
   constexpr int kFrames = 60;
   for (int i = 0; i < kFrames; ++i) {
     Streak streak;
@@ -33,25 +33,25 @@ CommonTimeError ErrorOf(bool is_instant, int returns, double body_m, double leng
     const Eigen::Vector3d mean_m = places_m.rowwise().mean();
     places_m.colwise() -= mean_m;
     streak.scatter_m2 = places_m * places_m.transpose();
-    error.Add(streak);
+    timing.Add(streak, BodySigmas());
   }
-  return error;
+  return timing;
 }
 
-TEST(CommonTimeError, IsThatOfAFrameWhereAllReturnsOfATargetAreOfOneInstant) {
+TEST(FrameTiming, TheCommonErrorIsThatOfAFrameWhereAllReturnsOfATargetAreOfOneInstant) {
   for (const double body_m : {0.05, 0.1, 0.2}) {
-    EXPECT_NEAR(std::sqrt(ErrorOf(true, 20, body_m).VarianceS2()), kFrameSigmaS, 1e-4) << body_m;
-    EXPECT_NEAR(std::sqrt(ErrorOf(false, 20, body_m).VarianceS2()), 0.0, 1e-4) << body_m;
+    EXPECT_NEAR(std::sqrt(TimingOf(true, 20, body_m).VarianceS2()), kFrameSigmaS, 1e-4) << body_m;
+    EXPECT_NEAR(std::sqrt(TimingOf(false, 20, body_m).VarianceS2()), 0.0, 1e-4) << body_m;
   }
 }
 
-TEST(CommonTimeError, IsHalfAsLikelyAsNotWhereNothingTells) {
-  EXPECT_NEAR(ErrorOf(true, 1, 0.1).VarianceS2(), 0.5 * kFrameSigmaS * kFrameSigmaS, 1e-9);
+TEST(FrameTiming, TheCommonErrorIsHalfAsLikelyAsNotWhereNothingTells) {
+  EXPECT_NEAR(TimingOf(true, 1, 0.1).VarianceS2(), 0.5 * kFrameSigmaS * kFrameSigmaS, 1e-9);
 }
 
-TEST(CommonTimeError, IsNotKnownOfFramesWhoseLengthIsNot) {
-  EXPECT_EQ(ErrorOf(true, 6, 0.1, 0.5).VarianceS2(), 0.0);
-  EXPECT_EQ(CommonTimeError().VarianceS2(), 0.0);  // with point times
+TEST(FrameTiming, TheCommonErrorIsNotKnownOfFramesWhoseLengthIsNot) {
+  EXPECT_EQ(TimingOf(true, 6, 0.1, 0.5).VarianceS2(), 0.0);
+  EXPECT_EQ(FrameTiming().VarianceS2(), 0.0);  // with point times
 }
 
 }  // namespace

@@ -95,7 +95,6 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   frame->points_m.clear();
   frame->times_ns.clear();
   frame->counts = InputCounts();
-  frame->ranges = RangeStatistics();
   frame->info = FrameInfo();
   const Eigen::Matrix3d rotation = RotationOf(sensor_.rotation_xyzw).toRotationMatrix();
   const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
@@ -117,7 +116,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
       continue;
     }
     const double range_m = point_m.norm();
-    frame->ranges.Add(point_m, range_m);
+    ranges_.Add(point_m, range_m);
     if (range_m < input_.min_range_m || range_m > input_.max_range_m) {
       ++counts.out_of_range_rows;
       continue;
@@ -127,8 +126,8 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   }
   counts.returns = frame->points_m.size();
   counts.empty_frames = frame->points_m.empty() ? 1 : 0;
-  ranges_.Add(frame->ranges);
-  if (source_ == Source::kStream && frame->ranges.returns() > 0) {
+  const bool has_returns = ranges_.EndFrame();
+  if (source_ == Source::kStream && has_returns) {
     if (!first_return_ns_) first_return_ns_ = frame->file.stamp_ns;
     returns_for_ns_ = frame->file.stamp_ns - *first_return_ns_;
   }

@@ -29,7 +29,6 @@ struct LoadedFrame {
   std::vector<Eigen::Vector3f> points_m;   // (N)
   std::vector<TimeNs> times_ns;            // (N)
   InputCounts counts;
-  RangeStatistics ranges;  // of all returns, including those dropped by range
   FrameInfo info;
 };
 
@@ -119,7 +118,7 @@ class SensorFrames {
   std::optional<Eigen::Vector3d> first_m_;  // position at its first frame, if it moves
   InputConfig input_;
   mutable SensorInfo info_;  // its period is computed on demand
-  RangeStatistics ranges_;
+  RangeStatistics ranges_;   // of all returns, including those dropped by range
   std::uint32_t index_;
   Source source_;
   std::optional<TimeReading> reading_;    // once settled

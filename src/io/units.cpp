@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include "base/format.hpp"
 
@@ -75,12 +76,10 @@ void RangeStatistics::Add(const Eigen::Vector3d& point_m, double range_m) {
   sum_of_squares_m2_ += range_m * range_m;
 }
 
-void RangeStatistics::Add(const RangeStatistics& frame) {
-  for (std::size_t i = 0; i < kSteps; ++i) steps_[i] += frame.steps_[i];
-  returns_ += frame.returns_;
-  frames_ += frame.returns_ > 0 ? 1U : 0U;
-  sum_m_ += frame.sum_m_;
-  sum_of_squares_m2_ += frame.sum_of_squares_m2_;
+bool RangeStatistics::EndFrame() {
+  const bool has_returns = std::exchange(returns_before_, returns_) < returns_;
+  frames_ += has_returns ? 1U : 0U;
+  return has_returns;
 }
 
 double RangeStatistics::ShareBeyond(double range_m) const {

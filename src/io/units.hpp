@@ -17,11 +17,13 @@ class RangeStatistics {
  public:
   // `range_m`: the norm of the point, finite.
   void Add(const Eigen::Vector3d& point_m, double range_m);
-  void Add(const RangeStatistics& frame);
+
+  // The returns added since the last call are those of a frame. Returns true if there are any.
+  bool EndFrame();
 
   std::uint64_t returns() const { return returns_; }
 
-  // Number of added statistics that have a return.
+  // Number of frames with returns.
   std::uint64_t frames() const { return frames_; }
 
   // Returns the share of returns beyond this range, rounded up by at most an eighth of an octave.
@@ -44,6 +46,7 @@ class RangeStatistics {
   std::array<std::uint64_t, kSteps> steps_{};
   std::uint64_t returns_ = 0;
   std::uint64_t frames_ = 0;
+  std::uint64_t returns_before_ = 0;  // of the frames that have ended
   Eigen::Vector3d sum_m_ = Eigen::Vector3d::Zero();
   double sum_of_squares_m2_ = 0.0;
 };

@@ -148,12 +148,12 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
 }
 
 void LiveEngine::DropOverflow() {
-  while (const std::optional<WaitingFrames::Dropped> dropped = waiting_.DropOverflow()) {
-    std::vector<TimeNs>& stamps_ns = sensors_[dropped->sensor].stamps_ns;
-    stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->stamp_ns));
-    --counts_.frames;
+  while (const std::optional<LoadedFrame> dropped = waiting_.TakeOverflow()) {
+    overflow_.sensor = dropped->info.sensor;
     ++overflow_.count;
-    overflow_.sensor = dropped->sensor;
+    --counts_.frames;
+    std::vector<TimeNs>& stamps_ns = sensors_[overflow_.sensor].stamps_ns;
+    stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->file.stamp_ns));
   }
 }
 

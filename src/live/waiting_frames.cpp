@@ -21,12 +21,12 @@ std::size_t BytesOf(const LoadedFrame& frame) {
 }  // namespace
 
 LoadedFrame& WaitingFrames::Next() {
-  if (num_waiting_ == slots_.size()) slots_.push_back(std::make_unique<Slot>());
-  return slots_[num_waiting_]->frame;
+  if (num_waiting_ == slots_.size()) slots_.emplace_back();
+  return slots_[num_waiting_].frame;
 }
 
 void WaitingFrames::Add(TimeNs time_ns) {
-  Slot& slot = *slots_[num_waiting_];
+  Slot& slot = slots_[num_waiting_];
   slot.time_ns = time_ns;
   bytes_ -= slot.bytes;
   slot.bytes = BytesOf(slot.frame);
@@ -38,39 +38,37 @@ void WaitingFrames::Add(TimeNs time_ns) {
 LoadedFrame* WaitingFrames::TakeEarliest() {
   std::pop_heap(slots_.begin(), end(), ComesLater);
   --num_waiting_;
-  return &slots_[num_waiting_]->frame;
+  return &slots_[num_waiting_].frame;
 }
 
 bool WaitingFrames::IsOverfull() const {
   return num_waiting_ > kMaxFrames || (num_waiting_ > 1 && bytes_ > kMaxBytes);
 }
 
-std::optional<WaitingFrames::Dropped> WaitingFrames::DropOverflow() {
+std::optional<LoadedFrame> WaitingFrames::TakeOverflow() {
   if (!IsOverfull()) return std::nullopt;
-  for (; slots_.size() > num_waiting_; slots_.pop_back()) bytes_ -= slots_.back()->bytes;
+  for (; slots_.size() > num_waiting_; slots_.pop_back()) bytes_ -= slots_.back().bytes;
   if (!IsOverfull()) return std::nullopt;
   std::iter_swap(NewestOfBusiestSensor(), slots_.end() - 1);
-  const LoadedFrame& frame = slots_.back()->frame;
-  const Dropped dropped{frame.info.sensor, frame.file.stamp_ns};
-  bytes_ -= slots_.back()->bytes;
+  Slot taken = std::move(slots_.back());
+  bytes_ -= taken.bytes;
   slots_.pop_back();
   --num_waiting_;
   std::make_heap(slots_.begin(), end(), ComesLater);
-  return dropped;
+  return std::move(taken.frame);
 }
 
 WaitingFrames::Slots::iterator WaitingFrames::NewestOfBusiestSensor() {
   std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
-  for (const auto& slot : slots_) {
-    cost[slot->frame.info.sensor] += slot->bytes + kMaxBytes / kMaxFrames;
+  for (const Slot& slot : slots_) {
+    cost[slot.frame.info.sensor] += slot.bytes + kMaxBytes / kMaxFrames;
   }
   const auto most = std::max_element(
       cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  const auto is_earlier = [&](const auto& a, const auto& b) {
-    const bool is_a_of_busiest = a->frame.info.sensor == most->first;
-    const bool is_b_of_busiest = b->frame.info.sensor == most->first;
-    return std::make_pair(is_a_of_busiest, a->time_ns) <
-           std::make_pair(is_b_of_busiest, b->time_ns);
+  const auto is_earlier = [&](const Slot& a, const Slot& b) {
+    const bool is_a_of_busiest = a.frame.info.sensor == most->first;
+    const bool is_b_of_busiest = b.frame.info.sensor == most->first;
+    return std::make_pair(is_a_of_busiest, a.time_ns) < std::make_pair(is_b_of_busiest, b.time_ns);
   };
   return std::max_element(slots_.begin(), slots_.end(), is_earlier);
 }
@@ -78,10 +76,10 @@ WaitingFrames::Slots::iterator WaitingFrames::NewestOfBusiestSensor() {
 std::vector<LoadedFrame> WaitingFrames::TakeAll() {
   slots_.resize(num_waiting_);
   std::sort(slots_.begin(), slots_.end(),
-            [](const auto& a, const auto& b) { return a->ComesBefore(*b); });
+            [](const Slot& a, const Slot& b) { return ComesLater(b, a); });
   std::vector<LoadedFrame> frames;
   frames.reserve(slots_.size());
-  for (const auto& slot : slots_) frames.push_back(std::move(slot->frame));
+  for (Slot& slot : slots_) frames.push_back(std::move(slot.frame));
   slots_.clear();
   num_waiting_ = bytes_ = 0;
   return frames;

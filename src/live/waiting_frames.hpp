@@ -3,8 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "io/sensor_frames.hpp"
@@ -20,11 +20,6 @@ class WaitingFrames {
   static constexpr std::size_t kMaxFrames = 4096;
   static constexpr std::size_t kMaxBytes = std::size_t{192} << 20;
 
-  struct Dropped {
-    std::uint32_t sensor = 0;
-    TimeNs stamp_ns = 0;  // of the source, without the time offset
-  };
-
   bool empty() const { return num_waiting_ == 0; }
 
   // Returns the slot to load the next frame into; Add() queues it with its stamp in common time.
@@ -32,11 +27,11 @@ class WaitingFrames {
   void Add(TimeNs time_ns);
 
   // Time of the earliest frame, and the frame itself, valid until the next one is loaded.
-  TimeNs earliest_ns() const { return slots_.front()->time_ns; }
+  TimeNs earliest_ns() const { return slots_.front().time_ns; }
   LoadedFrame* TakeEarliest();
 
-  // If over the limits, drops the newest frame of the sensor that holds the most.
-  std::optional<Dropped> DropOverflow();
+  // If over the limits, removes and returns the newest frame of the sensor that holds the most.
+  std::optional<LoadedFrame> TakeOverflow();
 
   // Removes all frames; returns them in order of time and sensor.
   std::vector<LoadedFrame> TakeAll();
@@ -46,16 +41,12 @@ class WaitingFrames {
     TimeNs time_ns = 0;
     std::size_t bytes = 0;
     LoadedFrame frame;
-
-    bool ComesBefore(const Slot& other) const {
-      return time_ns < other.time_ns ||
-             (time_ns == other.time_ns && frame.info.sensor < other.frame.info.sensor);
-    }
   };
-  using Slots = std::vector<std::unique_ptr<Slot>>;  // a frame without returns has 4 kB to move
+  using Slots = std::vector<Slot>;
 
-  static bool ComesLater(const Slots::value_type& a, const Slots::value_type& b) {
-    return b->ComesBefore(*a);
+  static bool ComesLater(const Slot& a, const Slot& b) {
+    return std::make_pair(a.time_ns, a.frame.info.sensor) >
+           std::make_pair(b.time_ns, b.frame.info.sensor);
   }
   bool IsOverfull() const;
   Slots::iterator end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }

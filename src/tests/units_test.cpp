@@ -71,13 +71,12 @@ RangeStatistics Frames(double unit_m, double nearest_m, double farthest_m, int p
   Random random(1);
   RangeStatistics all;
   for (int frame = 0; frame < 20; ++frame) {
-    RangeStatistics ranges;
     for (int i = 0; i < per_frame; ++i) {
       const double range_m =
           nearest_m * std::exp(random.Uniform(0.0, std::log(farthest_m / nearest_m)));
-      ranges.Add(Eigen::Vector3d::UnitX() * range_m / unit_m, range_m / unit_m);
+      all.Add(Eigen::Vector3d::UnitX() * range_m / unit_m, range_m / unit_m);
     }
-    all.Add(ranges);
+    all.EndFrame();
   }
   return all;
 }
@@ -123,9 +122,8 @@ TEST(Units, OnlyManyReturnsOfSeveralFramesAreEnoughToRefuse) {
   const auto of = [](int frames, int returns_each) {
     RangeStatistics all;
     for (int k = 0; k < frames; ++k) {
-      RangeStatistics frame;
-      for (int i = 0; i < returns_each; ++i) frame.Add({0.0, 0.0, 900.0}, 900.0);
-      all.Add(frame);
+      for (int i = 0; i < returns_each; ++i) all.Add({0.0, 0.0, 900.0}, 900.0);
+      EXPECT_EQ(all.EndFrame(), returns_each > 0);
     }
     return SufficeToRefuse(all);
   };

@@ -27,7 +27,7 @@ TEST(WaitingFrames, GoInTheOrderOfTheirTimes) {
     EXPECT_EQ(waiting.TakeEarliest()->file.stamp_ns, time_ns);
   }
   EXPECT_TRUE(waiting.empty());
-  EXPECT_FALSE(waiting.DropOverflow());
+  EXPECT_FALSE(waiting.TakeOverflow());
 }
 
 TEST(WaitingFrames, WhoSendsTooManyLosesHisOwnNewestAndNobodyElseAny) {
@@ -36,10 +36,10 @@ TEST(WaitingFrames, WhoSendsTooManyLosesHisOwnNewestAndNobodyElseAny) {
   std::size_t dropped = 0;
   for (TimeNs k = 0; k < static_cast<TimeNs>(WaitingFrames::kMaxFrames); ++k) {
     Add(&waiting, 0, k);
-    while (const auto gone = waiting.DropOverflow()) {
+    while (const auto gone = waiting.TakeOverflow()) {
       ++dropped;
-      EXPECT_EQ(gone->sensor, 0U);
-      EXPECT_EQ(gone->stamp_ns, k);
+      EXPECT_EQ(gone->info.sensor, 0U);
+      EXPECT_EQ(gone->file.stamp_ns, k);
     }
   }
   EXPECT_EQ(dropped, 100U);
@@ -57,18 +57,18 @@ TEST(WaitingFrames, AreBoundedInBytesWithTheMemoryOfThoseThatHaveGone) {
   std::size_t dropped = 0;
   for (TimeNs k = 0; k < 12; ++k) {
     Add(&waiting, 0, k, kPoints);
-    while (waiting.DropOverflow()) ++dropped;
+    while (waiting.TakeOverflow()) ++dropped;
   }
   EXPECT_EQ(dropped, 12 - kMost);
   while (!waiting.empty()) waiting.TakeEarliest();
   Add(&waiting, 0, 100, kPoints);  // into memory that is there
-  EXPECT_FALSE(waiting.DropOverflow());
+  EXPECT_FALSE(waiting.TakeOverflow());
 }
 
 TEST(WaitingFrames, OneFrameIsKeptHoweverLargeItIs) {
   WaitingFrames waiting;
   Add(&waiting, 0, 1, WaitingFrames::kMaxBytes / sizeof(Eigen::Vector3f) + 1);
-  EXPECT_FALSE(waiting.DropOverflow());
+  EXPECT_FALSE(waiting.TakeOverflow());
 }
 
 // Stamps that stand still let none of them go.

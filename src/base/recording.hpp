@@ -79,8 +79,7 @@ struct Recording {
   std::vector<Eigen::Vector3f> points_m;  // (N)
   TimeList times_ns;                      // (N) point time, or the middle of its frame
   InputCounts counts;
-  std::vector<std::string> bad_frames;  // one line per skipped frame
-  std::vector<Warning> warnings;        // about the meaning of frame names and coordinates
+  std::vector<Warning> warnings;  // about the meaning of frame names and coordinates
 };
 
 // Non-owning view of consecutive values; valid until their owner changes or frees them.

@@ -58,7 +58,7 @@ void CheckNames(const std::vector<FrameSource>& sources) {
   }
 }
 
-// Reads one source; bad frames are thrown or, with skip_bad_frames, recorded.
+// Reads one source; bad frames are thrown or, with skip_bad_frames, counted.
 class FrameReader::SourceReader {
  public:
   SourceReader(const FrameSource& source, std::uint32_t index, const InputConfig& config,
@@ -98,13 +98,13 @@ class FrameReader::SourceReader {
   }
 
   void ReadUntil(TimeNs until_ns, Recording* recording, std::vector<LoadedFrame>* frames) {
-    std::vector<std::string> bad_frames;
     const auto unless_bad = [&](const auto& step) {
       try {
         step();
       } catch (const InputError& error) {
         if (!config_.skip_bad_frames) throw;
-        bad_frames.emplace_back(error.what());
+        ++recording->counts.bad_frames;
+        if (first_bad_frame_.empty()) first_bad_frame_ = error.what();
       }
     };
     std::vector<LoadedFrame> loaded;
@@ -141,15 +141,12 @@ class FrameReader::SourceReader {
         any_frame_ = true;
       });
     }
-    if (first_bad_frame_.empty() && !bad_frames.empty()) first_bad_frame_ = bad_frames.front();
     if (first < files_.size() && next_ == files_.size() && !any_frame_) {
       throw InputError(directory_ + ": none of its " + std::to_string(files_.size()) +
                        (first_bad_frame_.empty()
                             ? " frames has a pose, expected poses of the times of its stamps"
                             : " frames can be read, the first: " + first_bad_frame_));
     }
-    recording->counts.bad_frames += bad_frames.size();
-    recording->bad_frames.insert(recording->bad_frames.end(), bad_frames.begin(), bad_frames.end());
   }
 
   void CheckUnits() const { sensor_.CheckUnits(); }

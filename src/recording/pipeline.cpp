@@ -112,7 +112,6 @@ FrameFeed FeedOf(const Recording& recording) {
   return [&recording, next = std::size_t{0}](TimeNs until_ns, Recording* part) mutable {
     part->sensors = recording.sensors;
     part->counts = recording.counts;
-    part->bad_frames = recording.bad_frames;
     part->warnings = recording.warnings;
     for (; next < recording.frames.size() && recording.frames[next].stamp_ns < until_ns; ++next) {
       FrameInfo frame = recording.frames[next];

@@ -116,7 +116,6 @@ class WindowSearch {
     }
     recording->sensors = std::move(window_.sensors);
     recording->counts = window_.counts;
-    recording->bad_frames = std::move(window_.bad_frames);
     recording->warnings = std::move(window_.warnings);
     recording->frames = std::move(frames_);
     auto kept = all.begin();

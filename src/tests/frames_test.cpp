@@ -413,7 +413,7 @@ TEST(FrameIntervals, ATimeOffsetDoesNotLeadBeyondTheEndsOfTime) {
   }
 }
 
-TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {
+TEST(BadFrames, AreErrorsUnlessSkippedAndThenCounted) {
   const TemporaryFolder folder;
   folder.Write("1.0.pcd", OnePoint(1));
   folder.Write("2.0.pcd", "no frame");
@@ -427,9 +427,6 @@ TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {
   EXPECT_EQ(recording.counts.bad_frames, 2U);
   EXPECT_EQ(recording.counts.frames, 2U);
   EXPECT_EQ(recording.counts.rows, 2U);
-  ASSERT_EQ(recording.bad_frames.size(), 2U);
-  EXPECT_NE(recording.bad_frames[0].find("2.0.pcd"), std::string::npos);
-  EXPECT_NE(recording.bad_frames[1].find("3.0.pcd"), std::string::npos);
 }
 
 TEST(BadFrames, ASourceWithoutAnyGoodFrameIsRefused) {
@@ -501,7 +498,7 @@ TEST(FrameReader, ReadsTheSameOnSeveralThreadsAndNamesTheSameBadFrame) {
   skip.skip_bad_frames = true;
   const Recording rest = ReadRecording({{"", folder / "a"}}, skip, {});
   EXPECT_EQ(rest.frames.size(), 27U);
-  EXPECT_EQ(rest.bad_frames.size(), 3U);
+  EXPECT_EQ(rest.counts.bad_frames, 3U);
 }
 
 }  // namespace

@@ -83,7 +83,7 @@ bool IsRemoved(int fd) {
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
     : directory_(std::move(directory)), limits_(limits), lock_(OpenFolder(directory_)) {
-  if (lock_.get() < 0) FailToWrite(directory_);
+  if (!lock_.is_open()) FailToWrite(directory_);
   CheckWritable(directory_ + "/" + NameOf(next_number_));
   if (::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
     FailToWrite(directory_, "another process records to it, expected a folder of its own");
@@ -113,7 +113,7 @@ void CaptureFiles::FindEarlierFiles() {
 void CaptureFiles::CutOffPartOfRecord() {
   File& file = files_.back();
   const Descriptor earlier(::open(file.path.c_str(), O_RDWR | O_CLOEXEC));
-  if (earlier.get() < 0) FailToWrite(file.path);
+  if (!earlier.is_open()) FailToWrite(file.path);
   const std::uint64_t whole = WholeBytes(earlier.get(), file.bytes);
   if (whole == 0) return RemoveLast();
   if (whole == file.bytes) return;
@@ -124,9 +124,9 @@ void CaptureFiles::CutOffPartOfRecord() {
 }
 
 void CaptureFiles::Write(std::string_view records) {
-  if (open_ && IsRemoved(open_->get())) open_.reset();
+  if (IsRemoved(open_.get())) open_.Close();
   while (!records.empty()) {
-    const std::uint64_t used = open_ ? files_.back().bytes : kCaptureHeaderBytes;
+    const std::uint64_t used = open_.is_open() ? files_.back().bytes : kCaptureHeaderBytes;
     std::size_t fitting = 0;
     std::uint64_t packets = 0;
     while (fitting < records.size()) {
@@ -135,7 +135,7 @@ void CaptureFiles::Write(std::string_view records) {
       fitting += record;
       ++packets;
     }
-    if (!open_ || fitting == 0) {
+    if (!open_.is_open() || fitting == 0) {
       OpenNext();
     } else {
       Append(records.substr(0, fitting), packets);
@@ -145,12 +145,11 @@ void CaptureFiles::Write(std::string_view records) {
 }
 
 void CaptureFiles::OpenNext() {
-  open_.reset();
+  open_.Close();
   MakeRoom(kCaptureHeaderBytes);
   const std::string path = directory_ + "/" + NameOf(next_number_);
-  auto file = std::make_unique<Descriptor>(
-      ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666));
-  if (file->get() < 0) FailToWrite(path);
+  Descriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666));
+  if (!file.is_open()) FailToWrite(path);
   files_.push_back({next_number_++, path, 0});
   open_ = std::move(file);
   Append(CaptureHeader(), 0);
@@ -160,12 +159,12 @@ void CaptureFiles::Append(std::string_view records, std::uint64_t packets) {
   MakeRoom(records.size());
   File& file = files_.back();
   try {
-    WriteAll(open_->get(), records, file.path);
+    WriteAll(open_.get(), records, file.path);
   } catch (const OutputError&) {
     if (file.bytes == 0) {  // no header
       RemoveLast();
-    } else if (::ftruncate(open_->get(), static_cast<off_t>(file.bytes)) != 0) {
-      open_.reset();  // the next records go to another file
+    } else if (::ftruncate(open_.get(), static_cast<off_t>(file.bytes)) != 0) {
+      open_.Close();  // the next records go to another file
     }
     throw;
   }
@@ -175,14 +174,14 @@ void CaptureFiles::Append(std::string_view records, std::uint64_t packets) {
 }
 
 void CaptureFiles::RemoveLast() {
-  open_.reset();
+  open_.Close();
   ::unlink(files_.back().path.c_str());
   files_.pop_back();
 }
 
 // The open file stays: two fit.
 void CaptureFiles::MakeRoom(std::uint64_t bytes) {
-  while (total_bytes_ + bytes > limits_.total_bytes && files_.size() > (open_ ? 1 : 0)) {
+  while (total_bytes_ + bytes > limits_.total_bytes && files_.size() > (open_.is_open() ? 1 : 0)) {
     const File& oldest = files_.front();
     if (::unlink(oldest.path.c_str()) != 0 && errno != ENOENT) {
       FailToWrite(oldest.path, std::string("cannot be removed: ") + std::strerror(errno));

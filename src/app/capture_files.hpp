@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <deque>
-#include <memory>
 #include <string>
 #include <string_view>
 
@@ -52,8 +51,8 @@ class CaptureFiles {
   std::string directory_;
   CaptureLimits limits_;
   Descriptor lock_;
-  std::deque<File> files_;            // oldest first,
-  std::unique_ptr<Descriptor> open_;  // the last one, if it may be appended to
+  std::deque<File> files_;  // oldest first,
+  Descriptor open_;         // the last one, if it may be appended to
   std::uint64_t next_number_ = 1;
   std::uint64_t total_bytes_ = 0;
   std::uint64_t packets_ = 0;

@@ -13,7 +13,6 @@
 #include <utility>
 
 #include "base/format.hpp"
-#include "io/descriptor.hpp"
 
 namespace unlidar {
 namespace {
@@ -47,10 +46,6 @@ GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, Note
   }
 }
 
-GrowingFile::~GrowingFile() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 void GrowingFile::Flush() {
   if (!is_regular_) {
     if (!waiting_.empty()) WriteSpecial();
@@ -66,16 +61,12 @@ void GrowingFile::Flush() {
 
 bool GrowingFile::Reopen() {
   if (path_ == "-") return false;
-  const int old_fd = std::exchange(fd_, -1);
   struct stat before {};
   struct stat now {};
-  const bool is_same = ::fstat(old_fd, &before) == 0 && ::stat(path_.c_str(), &now) == 0 &&
+  const bool is_same = ::fstat(fd_.get(), &before) == 0 && ::stat(path_.c_str(), &now) == 0 &&
                        before.st_dev == now.st_dev && before.st_ino == now.st_ino;
-  if (is_same) {
-    fd_ = old_fd;
-    return false;
-  }
-  ::close(old_fd);
+  if (is_same) return false;
+  fd_.Close();
   Open();
   Flush();
   return true;
@@ -91,9 +82,9 @@ void GrowingFile::Close() {
 }
 
 void GrowingFile::Open() {
-  fd_ = OpenPath();
+  fd_ = Descriptor(OpenPath());
   struct stat status {};
-  if (::fstat(fd_, &status) != 0) FailWithErrno();
+  if (::fstat(fd_.get(), &status) != 0) FailWithErrno();
   if (S_ISDIR(status.st_mode)) Fail("it is a directory, expected a file");
   // stdout belongs to the caller: it is only written to, even if it is a file.
   is_regular_ = S_ISREG(status.st_mode) && path_ != "-";
@@ -101,7 +92,7 @@ void GrowingFile::Open() {
     waiting_.insert(0, format_.header);
     return;
   }
-  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+  if (::flock(fd_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     Fail("another process is writing it, expected a file of its own");
   }
   ReadLines();
@@ -141,7 +132,8 @@ void GrowingFile::ReadLines() {
   off_t whole = 0;  // bytes of whole lines
   while (true) {
     const off_t at = whole + static_cast<off_t>(line.size());
-    const ssize_t got = Uninterrupted([&] { return ::pread(fd_, block.data(), block.size(), at); });
+    const ssize_t got =
+        Uninterrupted([&] { return ::pread(fd_.get(), block.data(), block.size(), at); });
     if (got < 0) FailWithErrno();
     if (got == 0) break;
     std::string_view rest(block.data(), static_cast<std::size_t>(got));
@@ -165,21 +157,21 @@ void GrowingFile::ReadLines() {
   }
   if (line.empty()) return;
   note_(path_ + ": its last line was not finished and is cut off");
-  if (::ftruncate(fd_, whole) != 0) FailWithErrno();
+  if (::ftruncate(fd_.get(), whole) != 0) FailWithErrno();
 }
 
 // False if the disk is full: then the file is as it was.
 bool GrowingFile::WriteRegular() {
   struct stat status {};
-  if (::fstat(fd_, &status) != 0) FailWithErrno();
+  if (::fstat(fd_.get(), &status) != 0) FailWithErrno();
   // A file may have been emptied meanwhile.
   const std::string text = (status.st_size == 0 ? format_.header : "") + waiting_;
   std::string_view rest = text;
   while (!rest.empty()) {
-    const ssize_t written = WriteOnce(fd_, rest);
+    const ssize_t written = WriteOnce(fd_.get(), rest);
     if (written < 0) {
       const int error = errno;
-      if (rest.size() < text.size() && ::ftruncate(fd_, status.st_size) != 0) FailWithErrno();
+      if (rest.size() < text.size() && ::ftruncate(fd_.get(), status.st_size) != 0) FailWithErrno();
       if (!IsFullDisk(error)) Fail(std::strerror(error));
       return false;
     }
@@ -195,12 +187,13 @@ void GrowingFile::WriteSpecial() {
   std::string_view rest = waiting_;
   while (!rest.empty()) {
     const bool ends = signals_.ShouldEnd();
-    const auto ready = signals_.Wait({{fd_, POLLOUT, 0}}, ends ? kReaderTimeout : milliseconds(-1));
+    const auto ready =
+        signals_.Wait({{fd_.get(), POLLOUT, 0}}, ends ? kReaderTimeout : milliseconds(-1));
     if (ready.front().revents == 0) {
       if (ends) Fail("its reader takes nothing");
       continue;
     }
-    const ssize_t written = WriteOnce(fd_, rest.substr(0, PIPE_BUF));
+    const ssize_t written = WriteOnce(fd_.get(), rest.substr(0, PIPE_BUF));
     if (written < 0 && errno == EAGAIN) continue;
     if (written < 0) FailWithErrno();
     rest.remove_prefix(static_cast<std::size_t>(written));

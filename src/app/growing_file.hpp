@@ -9,6 +9,7 @@
 
 #include "app/output_files.hpp"
 #include "app/signals.hpp"
+#include "io/descriptor.hpp"
 
 namespace unlidar {
 
@@ -37,9 +38,6 @@ class GrowingFile {
   // here and in Reopen().
   GrowingFile(std::string path, Format format, Signals& signals, NoteCallback note,
               LineCallback on_line = nullptr);
-  ~GrowingFile();
-  GrowingFile(const GrowingFile&) = delete;
-  GrowingFile& operator=(const GrowingFile&) = delete;
 
   // Whole lines, for the next Flush().
   void Append(std::string_view lines) { waiting_ += lines; }
@@ -53,7 +51,7 @@ class GrowingFile {
   void Close();
 
   // Descriptor by which a poll learns that its reader has left; -1 for a regular file.
-  int reader_fd() const { return is_regular_ ? -1 : fd_; }
+  int reader_fd() const { return is_regular_ ? -1 : fd_.get(); }
 
  private:
   void Open();
@@ -71,7 +69,7 @@ class GrowingFile {
   Signals& signals_;
   NoteCallback note_;
   LineCallback on_line_;
-  int fd_ = -1;
+  Descriptor fd_;
   bool is_regular_ = false;
   bool is_full_ = false;  // the disk
   std::string waiting_;

@@ -17,21 +17,21 @@ NewestLines::NewestLines(const std::string& path, NoteCallback note)
 
 void NewestLines::Append(std::string_view line) {
   try {
-    if (!file_ || bytes_ + line.size() > kMaxBytes) BeginAnew();
+    if (!file_.is_open() || bytes_ + line.size() > kMaxBytes) BeginAnew();
     bytes_ += line.size();
-    WriteAll(file_->get(), line, path_);
+    WriteAll(file_.get(), line, path_);
     has_failed_ = false;
   } catch (const OutputError& error) {
-    file_.reset();  // its last line may be torn
+    file_.Close();  // its last line may be torn
     if (!std::exchange(has_failed_, true)) note_(error.what());
   }
 }
 
 void NewestLines::BeginAnew() {
   const TemporaryPath temporary(path_);
-  auto file = std::make_unique<Descriptor>(Uninterrupted(
+  Descriptor file(Uninterrupted(
       [&] { return ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); }));
-  if (file->get() < 0 || std::rename(temporary.c_str(), path_.c_str()) != 0) {
+  if (!file.is_open() || std::rename(temporary.c_str(), path_.c_str()) != 0) {
     FailToWrite(path_);
   }
   file_ = std::move(file);

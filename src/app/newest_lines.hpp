@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <string>
 #include <string_view>
 
@@ -29,7 +28,7 @@ class NewestLines {
 
   std::string path_;  // without links, which would be replaced
   NoteCallback note_;
-  std::unique_ptr<Descriptor> file_;  // none where the last write failed
+  Descriptor file_;  // closed where the last write failed
   std::size_t bytes_ = 0;
   bool has_failed_ = false;
 };

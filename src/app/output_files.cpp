@@ -51,7 +51,7 @@ void WriteContent(int fd, const OutputFile& file) {
 
 void WriteInPlace(const OutputFile& file) {
   Descriptor target(Uninterrupted([&] { return ::open(file.path.c_str(), O_WRONLY | O_CLOEXEC); }));
-  if (target.get() < 0) FailWithErrno(file.path);
+  if (!target.is_open()) FailWithErrno(file.path);
   WriteContent(target.get(), file);
   if (!target.Close()) FailWithErrno(file.path);
 }

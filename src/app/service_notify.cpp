@@ -51,7 +51,7 @@ void ServiceNotifier::SendHeartbeat() {
 }
 
 bool ServiceNotifier::Send(const std::string& message) const {
-  if (socket_.get() < 0) return false;
+  if (!socket_.is_open()) return false;
   sockaddr_un to{};
   to.sun_family = AF_UNIX;
   std::copy(address_.begin(), address_.end(), to.sun_path);

@@ -18,15 +18,13 @@ Signals::Signals() {
   sigemptyset(&waiting);
   for (const int signal : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&waiting, signal);
   if (::sigprocmask(SIG_BLOCK, &waiting, nullptr) == 0) {
-    fd_ = ::signalfd(-1, &waiting, SFD_NONBLOCK | SFD_CLOEXEC);
+    fd_ = Descriptor(::signalfd(-1, &waiting, SFD_NONBLOCK | SFD_CLOEXEC));
   }
-  if (fd_ < 0) throw std::runtime_error(std::string("signalfd: ") + std::strerror(errno));
+  if (!fd_.is_open()) throw std::runtime_error(std::string("signalfd: ") + std::strerror(errno));
 }
 
-Signals::~Signals() { ::close(fd_); }
-
 std::vector<pollfd> Signals::Wait(std::vector<pollfd> fds, std::chrono::milliseconds timeout) {
-  fds.push_back({fd_, POLLIN, 0});
+  fds.push_back({fd_.get(), POLLIN, 0});
   if (::poll(fds.data(), fds.size(), static_cast<int>(timeout.count())) < 0) {
     if (errno != EINTR) throw std::runtime_error(std::string("poll: ") + std::strerror(errno));
     for (pollfd& fd : fds) fd.revents = 0;
@@ -47,7 +45,7 @@ bool Signals::ShouldReopen() {
 
 void Signals::Take() {
   signalfd_siginfo info{};
-  while (::read(fd_, &info, sizeof(info)) == sizeof(info)) {
+  while (::read(fd_.get(), &info, sizeof(info)) == sizeof(info)) {
     if (info.ssi_signo == SIGHUP) {
       reopens_ = true;
     } else {

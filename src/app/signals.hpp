@@ -6,6 +6,8 @@
 #include <chrono>
 #include <vector>
 
+#include "io/descriptor.hpp"
+
 namespace unlidar {
 
 // From construction to the end of the process, SIGTERM, SIGINT and SIGHUP are blocked until polled:
@@ -14,9 +16,6 @@ namespace unlidar {
 class Signals {
  public:
   Signals();
-  ~Signals();
-  Signals(const Signals&) = delete;
-  Signals& operator=(const Signals&) = delete;
 
   // Waits until one of `fds` is ready, a signal has come or the time is over. Returns `fds` with
   // their revents.
@@ -31,7 +30,7 @@ class Signals {
  private:
   void Take();
 
-  int fd_ = -1;
+  Descriptor fd_;
   bool ends_ = false;
   bool reopens_ = false;
 };

@@ -20,11 +20,15 @@ auto Uninterrupted(const Call& call) {
 // File descriptor that is closed on destruction.
 class Descriptor {
  public:
-  explicit Descriptor(int fd) : fd_(fd) {}
+  explicit Descriptor(int fd = -1) : fd_(fd) {}
   ~Descriptor() { Close(); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
 
+  bool is_open() const { return fd_ >= 0; }
   int get() const { return fd_; }
 
   // Returns false, with errno set, if the system could not store the written data. Closes only

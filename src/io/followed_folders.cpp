@@ -40,7 +40,7 @@ struct File {
 // A read lease is granted only if nobody has the file open for writing.
 File FileAt(const std::string& path) {
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
-  if (file.get() < 0) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
+  if (!file.is_open()) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
   struct stat status {};
   const bool is_known = ::fstat(file.get(), &status) == 0;
   FileState state = FileState::kComplete;
@@ -74,7 +74,8 @@ FollowedFolders::FollowedFolders(const std::vector<Folder>& folders, std::option
     : after_ns_(after_ns),
       on_bad_frame_(std::move(on_bad_frame)),
       inotify_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
-  if (inotify_.get() < 0) throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
+  if (!inotify_.is_open())
+    throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
   for (const Folder& folder : folders) folders_.emplace_back(folder);
   Attach();
 }

@@ -27,7 +27,7 @@ InputFile::InputFile(const std::string& path, const InputKind& kind)
         // Opening a pipe blocks until it has a writer.
         return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | (kind.must_be_regular ? O_NONBLOCK : 0));
       })) {
-  if (file_.get() < 0) FailToRead(std::strerror(errno));
+  if (!file_.is_open()) FailToRead(std::strerror(errno));
   struct stat status {};
   if (::fstat(file_.get(), &status) != 0) FailToRead(std::strerror(errno));
   if (S_ISREG(status.st_mode)) {

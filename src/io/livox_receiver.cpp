@@ -77,7 +77,7 @@ std::string LivoxReceiver::name() const {
 }
 
 void LivoxReceiver::Bind() {
-  if (socket_.get() < 0 || waiting_.get() < 0 || ending_.get() < 0) {
+  if (!socket_.is_open() || !waiting_.is_open() || !ending_.is_open()) {
     Fail(name(), "cannot be listened on");
   }
   ::setsockopt(socket_.get(), SOL_SOCKET, SO_RCVBUF, &kSocketBytes, sizeof(kSocketBytes));

@@ -3,8 +3,6 @@
 #include <cstddef>
 #include <stdexcept>
 
-#include "paper/clustering_engines.hpp"
-
 namespace unlidar {
 namespace {
 
@@ -48,7 +46,7 @@ Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const Clusterin
   const auto run_engine = [&](const std::vector<Eigen::Vector3f>& usable_points_m) {
     if (usable_points_m.empty()) return Clustering{};
     Clustering result = config.engine == ClusterEngine::kGrid
-                            ? internal::ClusterByGrid(usable_points_m, config)
+                            ? ClusterByGrid(usable_points_m, config)
                             : PclClustering()(usable_points_m, config);
     if (config.min_cluster_size > 1) DropSmallClusters(config.min_cluster_size, result);
     return result;

@@ -9,7 +9,7 @@
 
 #include "base/algorithms.hpp"
 #include "base/disjoint_sets.hpp"
-#include "paper/clustering_engines.hpp"
+#include "paper/clustering.hpp"
 
 namespace unlidar {
 namespace {
@@ -313,8 +313,6 @@ Clustering ClusterWithRule(const std::vector<Eigen::Vector3f>& points_m, const R
 
 }  // namespace
 
-namespace internal {
-
 Clustering ClusterByGrid(const std::vector<Eigen::Vector3f>& points_m,
                          const ClusteringConfig& config) {
   if (config.method == ClusterMethod::kEuclidean) {
@@ -323,7 +321,5 @@ Clustering ClusterByGrid(const std::vector<Eigen::Vector3f>& points_m,
   return ClusterWithRule(points_m, DbscanRule(config.tolerance_m),
                          static_cast<std::uint32_t>(config.min_neighbours));
 }
-
-}  // namespace internal
 
 }  // namespace unlidar

@@ -16,12 +16,10 @@
 #include <pcl/segmentation/impl/extract_clusters.hpp>
 
 #include "base/algorithms.hpp"
-#include "paper/clustering_engines.hpp"
+#include "paper/clustering.hpp"
 
 namespace unlidar {
 namespace {
-
-using internal::DbscanRule;
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 

@@ -37,7 +37,6 @@ class LiveIntake {
   bool is_full() const { return sensors_.size() >= kMaxSensors; }
 
   std::optional<std::size_t> SensorNamed(const std::string& name) const;
-  const std::string& NameOf(std::size_t sensor) const { return sensors_[sensor].name; }
 
   // `first`: name of its first frame in messages. Returns its index.
   std::size_t AddSensor(const std::string& name, const std::string& first);

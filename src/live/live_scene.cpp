@@ -26,11 +26,6 @@ LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config
       clutter(config.robust),
       floating(config.robust.background.place) {}
 
-void LiveScene::Station::Forget(std::uint32_t before_bin) {
-  clutter.Forget(before_bin);
-  floating.Forget(before_bin);
-}
-
 LiveScene::LiveScene(const Config& config, bool is_traced)
     : config_(config), is_traced_(is_traced), snapshot_interval_ns_(kFirstRefitNs) {}
 
@@ -337,7 +332,9 @@ void LiveScene::Sweep(std::uint32_t newest_bin) {
   const double window_bins = config_.live.window_s / kBinS;
   for (Station& station : scenes_) {
     if (newest_bin > window_bins) {
-      station.Forget(newest_bin - static_cast<std::uint32_t>(window_bins));
+      const std::uint32_t before_bin = newest_bin - static_cast<std::uint32_t>(window_bins);
+      station.clutter.Forget(before_bin);
+      station.floating.Forget(before_bin);
     }
     station.scene.Sweep();
   }

@@ -100,9 +100,6 @@ class LiveScene {
   struct Station {
     Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
 
-    // Forgets the plots of earlier bins.
-    void Forget(std::uint32_t before_bin);
-
     Eigen::Vector3f viewpoint_m;
     bool has_begun = false;
     TimeNs begin_ns = 0;

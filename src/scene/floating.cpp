@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
-#include <unordered_map>
+#include <map>
 
 #include "base/point_tree.hpp"
 
@@ -14,13 +13,6 @@ namespace {
 // Returns, per plot, whether it floats and all its returns recur in another frame with identical
 // coordinates: no LiDAR measures the same coordinates twice, so these are replays of one frame.
 std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
-  struct Hash {
-    std::size_t operator()(const std::array<float, 3>& p) const {
-      std::size_t h = 0;
-      for (const float x : p) h = h * 1000003U + std::hash<float>()(x);
-      return h;
-    }
-  };
   const auto key = [&](std::uint32_t i) {
     const Eigen::Vector3f& p = recording.points_m[i];
     return std::array<float, 3>{p.x(), p.y(), p.z()};
@@ -30,7 +22,7 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
     bool is_repeated;
   };
   // Holds floating plots alone, as strays would add many more.
-  std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
+  std::map<std::array<float, 3>, Frames> frames_of;
   for (const Plot& plot : plots) {
     if (!plot.is_floating) continue;
     for (const std::uint32_t i : plot.returns) {

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <utility>
+
+#include "base/algorithms.hpp"
 
 namespace unlidar {
 
@@ -10,8 +13,7 @@ TimeBins::TimeBins(const std::vector<FrameInfo>& frames, std::size_t num_sensors
   begin_ns_ = std::numeric_limits<TimeNs>::max();
   for (const FrameInfo& frame : frames) begin_ns_ = std::min(begin_ns_, frame.begin_ns);
   for (const FrameInfo& frame : frames) ticks_.push_back(TickOf(frame.middle_ns()));
-  std::sort(ticks_.begin(), ticks_.end());
-  ticks_.erase(std::unique(ticks_.begin(), ticks_.end()), ticks_.end());
+  ticks_ = SortedUnique(std::move(ticks_));
   Tick before = 0;
   for (const Tick tick : ticks_) {
     const auto passed = static_cast<std::uint32_t>(std::min<Tick>(tick - before, kMaxPauseBins));

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
+#include <numeric>
 #include <vector>
 
 namespace unlidar {
@@ -25,6 +27,20 @@ std::vector<T> SortedUnique(std::vector<T> values) {
   std::sort(values.begin(), values.end());
   values.erase(std::unique(values.begin(), values.end()), values.end());
   return values;
+}
+
+// Counting sort of items by group, which keeps their order within each: calls place(item, position)
+// for every item. `group_of` (items). Sets `begins` (groups + 1): group g has the positions from
+// begins[g] to begins[g + 1].
+template <class Place>
+void SortByGroup(const std::vector<std::uint32_t>& group_of, std::size_t num_groups,
+                 std::vector<std::uint32_t>* begins, const Place& place) {
+  begins->assign(num_groups + 2, 0);
+  for (const std::uint32_t group : group_of) ++(*begins)[group + 2];
+  std::partial_sum(begins->begin(), begins->end(), begins->begin());
+  // The begin of each group moves on to its end, that of the next one.
+  for (std::size_t i = 0; i < group_of.size(); ++i) place(i, (*begins)[group_of[i] + 1]++);
+  begins->pop_back();
 }
 
 // Returns the value that sorting would put at `begin` + n. Reorders the values.

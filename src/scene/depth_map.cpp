@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "base/algorithms.hpp"
 
@@ -21,22 +20,17 @@ DepthMap::DepthMap(double cell_deg)
 
 void DepthMap::Fill(const PointsView& points_m) {
   cell_of_.resize(points_m.size());
-  ends_.assign(medians_m_.size() + 1, 0);
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     cell_of_[i] = static_cast<std::uint32_t>(cells_.CellOf(points_m[i]));
-    ++ends_[cell_of_[i] + 1];
   }
-  std::partial_sum(ends_.begin(), ends_.end(), ends_.begin());
   ranges_m_.resize(points_m.size());
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    ranges_m_[ends_[cell_of_[i]]++] = points_m[i].norm();
-  }
-  auto begin = ranges_m_.begin();
+  SortByGroup(cell_of_, medians_m_.size(), &begins_,
+              [&](std::size_t i, std::uint32_t at) { ranges_m_[at] = points_m[i].norm(); });
   for (std::size_t cell = 0; cell < medians_m_.size(); ++cell) {
-    const auto end = ranges_m_.begin() + static_cast<std::ptrdiff_t>(ends_[cell]);
+    float* const begin = ranges_m_.data() + begins_[cell];
+    float* const end = ranges_m_.data() + begins_[cell + 1];
     medians_m_[cell] = begin == end ? std::numeric_limits<float>::infinity()
                                     : NthSmallest(begin, end, (end - begin) / 2);
-    begin = end;
   }
 }
 

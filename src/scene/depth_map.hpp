@@ -39,7 +39,7 @@ class DepthMap {
   std::vector<float> medians_m_;   // (rows x columns) infinity without returns
   // Buffers of Fill(), kept for reuse.
   std::vector<std::uint32_t> cell_of_;  // (points)
-  std::vector<std::size_t> ends_;       // by cell
+  std::vector<std::uint32_t> begins_;   // (cells + 1) in ranges_m_
   std::vector<float> ranges_m_;         // (points) by cell
 };
 

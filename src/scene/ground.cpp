@@ -17,7 +17,7 @@ constexpr double kGroundCellM = 4.0;
 // The height of a cell is a low quantile of its returns, so that strays below the ground do not
 // count. Minimum returns of a cell with a height, and minimum cells of a plane.
 constexpr double kQuantile = 0.05;
-constexpr std::uint32_t kMinReturns = 10;
+constexpr std::ptrdiff_t kMinReturns = 10;
 constexpr std::size_t kMinCells = 6;
 // Targets are seen near the station: within kNearM all cells weigh alike, farther ones by the
 // inverse square of their distance. A plane fitted to near cells replaces the one fitted to all
@@ -61,24 +61,18 @@ void Ground::SetHeights(const PointsView& points_m) {
       last = numbers_.FindOrAdd(0, KeyOf(cell));
       if (last == cells_.size()) cells_.push_back(cell);
     }
-    ++cells_[last].end;
     cell_of_.push_back(last);
   }
-  std::uint32_t end = 0;
-  for (Cell& cell : cells_) end += std::exchange(cell.end, end);
   heights_m_.resize(points_m.size());
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    heights_m_[cells_[cell_of_[i]].end++] = points_m[i].z();
-  }
+  SortByGroup(cell_of_, cells_.size(), &begins_,
+              [&](std::size_t i, std::uint32_t at) { heights_m_[at] = points_m[i].z(); });
   known_.clear();
-  std::uint32_t begin = 0;
   for (std::uint32_t number = 0; number < cells_.size(); ++number) {
-    Cell& cell = cells_[number];
-    if (cell.end - begin >= kMinReturns) {
-      cell.height_m = Quantile(heights_m_.data() + begin, heights_m_.data() + cell.end, kQuantile);
-      known_.push_back(number);
-    }
-    begin = cell.end;
+    float* const begin = heights_m_.data() + begins_[number];
+    float* const end = heights_m_.data() + begins_[number + 1];
+    if (end - begin < kMinReturns) continue;
+    cells_[number].height_m = Quantile(begin, end, kQuantile);
+    known_.push_back(number);
   }
   // Independent of the order of the points.
   std::sort(known_.begin(), known_.end(), [&](std::uint32_t a, std::uint32_t b) {
@@ -171,8 +165,8 @@ double Ground::FlatSupport(double band_m) {
   }
   const double rise_m = band_m + plane.coefficients.tail<2>().norm() * kGroundCellM;
   const auto is_not_flat = [&](std::uint32_t number) {
-    const float* const begin = heights_m_.data() + (number == 0 ? 0 : cells_[number - 1].end);
-    const float* const end = heights_m_.data() + cells_[number].end;
+    const float* const begin = heights_m_.data() + begins_[number];
+    const float* const end = heights_m_.data() + begins_[number + 1];
     const auto low = std::count_if(
         begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
     return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);

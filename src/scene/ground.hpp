@@ -48,7 +48,6 @@ class Ground {
   struct Cell {
     int x = 0;
     int y = 0;
-    std::uint32_t end = 0;                                       // of its points in heights_m_
     double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN if it has too few points
   };
 
@@ -81,6 +80,7 @@ class Ground {
   // Of the last fit, kept for reuse.
   std::vector<std::uint32_t> cell_of_;  // (points)
   std::vector<float> heights_m_;        // of the points, by cell
+  std::vector<std::uint32_t> begins_;   // (cells + 1) in heights_m_
   std::vector<std::uint32_t> known_;    // cells with a height, ordered by x, then y
   std::vector<double> lowest_m_;        // heights of these, or of those near the station
   std::vector<std::uint32_t> inliers_;  // the known cells to which the plane is fitted

@@ -1,8 +1,8 @@
 #include "scene/linkage.hpp"
 
 #include <algorithm>
-#include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/maths.hpp"
 
 namespace unlidar {
@@ -33,19 +33,15 @@ void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
   boxes_.resize(tree_.nodes().size());
   for (std::size_t id = boxes_.size(); id-- > 0;) SetBounds(id);  // children before their parent
   if (!boxes_.empty()) Connect(0);
-  ends_.clear();
+  std::uint32_t num_groups = 0;
   group_of_.resize(returns.size());
   for (std::size_t i = 0; i < returns.size(); ++i) {
     const std::size_t first = sets_.Find(i);
-    if (first == i) ends_.push_back(0);
-    group_of_[i] = first == i ? ends_.size() - 1 : group_of_[first];
-    ++ends_[group_of_[i]];
+    group_of_[i] = first == i ? num_groups++ : group_of_[first];
   }
-  // Members by group: `ends_` holds counts, then begins, then ends.
-  std::size_t begin = 0;
-  for (std::size_t& end : ends_) begin += std::exchange(end, begin);
   members_.resize(returns.size());
-  for (std::size_t i = 0; i < returns.size(); ++i) members_[ends_[group_of_[i]]++] = returns[i];
+  SortByGroup(group_of_, num_groups, &begins_,
+              [&](std::size_t i, std::uint32_t at) { members_[at] = returns[i]; });
 }
 
 void Linker::SetBounds(std::size_t id) {

@@ -29,10 +29,10 @@ class Linker {
             const RangeRadius& radius);
 
   // Groups of the last Link().
-  std::size_t size() const { return ends_.size(); }
+  std::size_t size() const { return begins_.size() - 1; }
   IndexView operator[](std::size_t group) const {
     const std::uint32_t* const members = members_.data();
-    return {members + (group == 0 ? 0 : ends_[group - 1]), members + ends_[group]};
+    return {members + begins_[group], members + begins_[group + 1]};
   }
 
  private:
@@ -56,10 +56,10 @@ class Linker {
   PointTree<float> tree_;
   std::vector<float> reaches_m_;  // radius at each point, in the order of the tree
   DisjointSets sets_;
-  std::vector<Box> boxes_;              // by node
-  std::vector<std::size_t> group_of_;   // (returns)
-  std::vector<std::size_t> ends_;       // (groups) in `members_`
-  std::vector<std::uint32_t> members_;  // by group
+  std::vector<Box> boxes_;                   // by node
+  std::vector<std::uint32_t> group_of_;      // (returns)
+  std::vector<std::uint32_t> begins_ = {0};  // (groups + 1) in `members_`
+  std::vector<std::uint32_t> members_;       // by group
 };
 
 }  // namespace unlidar

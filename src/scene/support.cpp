@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/voxel_grid.hpp"
 
 namespace unlidar {
@@ -34,7 +34,6 @@ void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_la
   cell_of_.clear();
   lasts_.clear();
   cells_.Clear();
-  first_.clear();
   for (std::size_t i = 0; i < supports_m.size(); ++i) {
     const Eigen::Vector3f& point_m = supports_m[i];
     const std::uint32_t number = seen_.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
@@ -46,19 +45,13 @@ void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_la
     thinned_m_.push_back(point_m);
     lasts_.push_back(are_lasting[i]);
     cell_of_.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
-    if (cell_of_.back() == first_.size()) first_.push_back(0);
-    ++first_[cell_of_.back()];
   }
-  // Counting sort of the points by cell, from the last point: counts become ends, then begins.
-  std::partial_sum(first_.begin(), first_.end(), first_.begin());
   points_m_.resize(thinned_m_.size());
   are_lasting_.resize(thinned_m_.size());
-  for (std::size_t i = points_m_.size(); i-- > 0;) {
-    const std::uint32_t at = --first_[cell_of_[i]];
+  SortByGroup(cell_of_, cells_.size(), &first_, [&](std::size_t i, std::uint32_t at) {
     points_m_[at] = thinned_m_[i];
     are_lasting_[at] = lasts_[i];
-  }
-  first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
+  });
 }
 
 // A transient object high above a known ground did not arrive on the ground, so that no hidden or

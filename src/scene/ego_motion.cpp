@@ -52,7 +52,6 @@ bool AreConsistent(const EgoMotion::Motion& a, const EgoMotion::Motion& b) {
 EgoMotion::EgoMotion()
     : lowest_m_(Cells().size()),
       highest_m_(lowest_m_.size()),
-      snapshots_(kNumSnapshots),
       raster_(static_cast<std::size_t>(kRasterSide) * kRasterSide) {
   sampled_.reserve(2 * kMaxCells);
   transformed_.reserve(2 * kMaxCells);
@@ -64,15 +63,14 @@ void EgoMotion::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vecto
   if (last_ns_ && (time_ns < *last_ns_ || time_ns - *last_ns_ > kMaxPauseNs)) {
     ResetHeights();
     is_recording_ = false;
-    num_snapshots_ = 0;
+    snapshots_.clear();
     moving_snapshots_ = 0;
   }
   last_ns_ = time_ns;
   // Tolerance for uneven stamps.
   constexpr TimeNs kSlackNs = kSnapshotSpanNs / 4;
   if (is_recording_ && time_ns >= snapshot_begin_ns_ + kSnapshotSpanNs - kSlackNs) EndSnapshot();
-  if (!is_recording_ &&
-      (num_snapshots_ == 0 || time_ns >= snapshot_begin_ns_ + kBinNs - kSlackNs)) {
+  if (!is_recording_ && (snapshots_.empty() || time_ns >= snapshot_begin_ns_ + kBinNs - kSlackNs)) {
     is_recording_ = true;
     snapshot_begin_ns_ = time_ns;
   }
@@ -99,7 +97,8 @@ void EgoMotion::Collect(PointsView points_m, const Eigen::Vector3f& origin_m) {
 
 void EgoMotion::EndSnapshot() {
   is_recording_ = false;
-  Snapshot& snapshot = snapshots_[num_snapshots_ % kNumSnapshots];
+  if (snapshots_.size() == kNumSnapshots) snapshots_.pop_front();
+  Snapshot& snapshot = snapshots_.Append();
   snapshot.time_ns = snapshot_begin_ns_;
   for (std::size_t i = 0; i < snapshot.cells.size(); ++i) {
     snapshot.cells[i] = highest_m_[i] - lowest_m_[i] > kUprightM;
@@ -115,7 +114,6 @@ void EgoMotion::EndSnapshot() {
       motion = match.motion;
     }
   }
-  ++num_snapshots_;
   const bool is_consistent = motion && moving_snapshots_ > 0 && AreConsistent(*motion, motion_);
   moving_snapshots_ = motion ? (is_consistent ? moving_snapshots_ + 1 : 1) : 0;
   motion_ = motion.value_or(Motion());
@@ -125,9 +123,8 @@ void EgoMotion::EndSnapshot() {
 // Returns the newest snapshot of this time, within the tolerance, before the one just ended; null
 // if there is none.
 const EgoMotion::Snapshot* EgoMotion::SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const {
-  const std::size_t known = std::min(num_snapshots_, kNumSnapshots - 1);
-  for (std::size_t ago = 1; ago <= known; ++ago) {
-    const Snapshot& snapshot = snapshots_[(num_snapshots_ - ago) % kNumSnapshots];
+  for (std::size_t number = snapshots_.size() - 1; number > 0; --number) {
+    const Snapshot& snapshot = snapshots_[number - 1];
     if (std::abs(snapshot.time_ns - time_ns) <= tolerance_ns) return &snapshot;
   }
   return nullptr;

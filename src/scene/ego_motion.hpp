@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "unlidar/types.hpp"
 
@@ -74,16 +75,15 @@ class EgoMotion {
 
   std::optional<TimeNs> last_ns_;
   bool is_recording_ = false;
-  TimeNs snapshot_begin_ns_ = 0;     // of the current or the last snapshot
-  std::vector<float> lowest_m_;      // (cells) of the current snapshot
-  std::vector<float> highest_m_;     // (cells)
-  std::vector<Snapshot> snapshots_;  // ring buffer of the last ones
-  std::size_t num_snapshots_ = 0;    // since the last reset
-  std::vector<char> raster_;         // (cells and a margin) of an earlier snapshot, dilated
-  std::vector<Cell> sampled_;        // evenly drawn cells of a snapshot
-  std::vector<Cell> transformed_;    // the same after rotation
-  int moving_snapshots_ = 0;         // consecutive ones with a consistent motion
-  Motion motion_;                    // of the last of them
+  TimeNs snapshot_begin_ns_ = 0;   // of the current or the last snapshot
+  std::vector<float> lowest_m_;    // (cells) of the current snapshot
+  std::vector<float> highest_m_;   // (cells)
+  Queue<Snapshot> snapshots_;      // the last ones since the last reset
+  std::vector<char> raster_;       // (cells and a margin) of an earlier snapshot, dilated
+  std::vector<Cell> sampled_;      // evenly drawn cells of a snapshot
+  std::vector<Cell> transformed_;  // the same after rotation
+  int moving_snapshots_ = 0;       // consecutive ones with a consistent motion
+  Motion motion_;                  // of the last of them
   std::optional<Motion> found_;
 };
 

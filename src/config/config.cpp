@@ -299,27 +299,19 @@ void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sour
   }
 }
 
-std::vector<ConfigEntry> ListConfig(const Config& config) {
-  std::vector<ConfigEntry> entries;
-  const auto list = [&](const std::string& key, const auto& field, const auto& constraint) {
-    entries.push_back({key, JsonOf(field, constraint)});
-  };
-  VisitKeys(list, config);
-  for (const auto& [name, sensor] : config.sensors) {
-    VisitSensorKeys(list, std::string(kSensorPrefix) + name + ".", sensor);
-  }
-  return entries;
-}
-
 nlohmann::ordered_json ConfigJson(const Config& config) {
   auto root = nlohmann::ordered_json::object();
-  for (const ConfigEntry& entry : ListConfig(config)) {
+  const auto add = [&](const std::string& key, const auto& field, const auto& constraint) {
     nlohmann::ordered_json* node = &root;
-    for (const std::string_view name : Split(entry.key, '.')) {
+    for (const std::string_view name : Split(key, '.')) {
       // A null that operator[] makes an object is no sound one where memory ends.
       node = &*node->emplace(std::string(name), nlohmann::ordered_json::object()).first;
     }
-    *node = entry.value;
+    *node = JsonOf(field, constraint);
+  };
+  VisitKeys(add, config);
+  for (const auto& [name, sensor] : config.sensors) {
+    VisitSensorKeys(add, std::string(kSensorPrefix) + name + ".", sensor);
   }
   return root;
 }

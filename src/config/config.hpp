@@ -19,15 +19,7 @@ void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sour
 // locations of values by key for messages, as far as known. Throws ConfigError.
 void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations);
 
-struct ConfigEntry {
-  std::string key;  // dotted: "input.max_range_m"
-  nlohmann::ordered_json value;
-};
-
-// Returns every key with its value, in the order of configs/default.yaml.
-std::vector<ConfigEntry> ListConfig(const Config& config);
-
-// Returns the same, nested as in the YAML file.
+// Returns every key with its value, nested and in order as in configs/default.yaml.
 nlohmann::ordered_json ConfigJson(const Config& config);
 
 }  // namespace unlidar

@@ -142,7 +142,7 @@ bool Read(const YAML::Node& node, Field& field, const Constraint& constraint) {
   return true;
 }
 
-// Returns the value of a field for ListConfig(). Infinity becomes text: JSON has no number for it.
+// Returns the value of a field for ConfigJson(). Infinity becomes text: JSON has no number for it.
 template <class Value, class Constraint>
 nlohmann::ordered_json JsonOf(const Value& value, const Constraint& constraint) {
   if constexpr (std::is_enum_v<Value>) {

@@ -5,13 +5,14 @@
 
 #include "config/config.hpp"
 #include "fuzz/fuzz.hpp"
+#include "tests/config_entries.hpp"
 
 namespace unlidar::fuzz {
 namespace {
 
 std::vector<std::string> Assignments(const Config& config) {
   std::vector<std::string> assignments;
-  for (const ConfigEntry& entry : ListConfig(config)) {
+  for (const testing::ConfigEntry& entry : testing::ListConfig(config)) {
     assignments.push_back(entry.key + "=" + entry.value.dump());
   }
   return assignments;

@@ -16,6 +16,7 @@
 
 #include "config/config_keys.hpp"
 #include "config/former_keys.hpp"
+#include "tests/config_entries.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
@@ -23,6 +24,8 @@
 namespace unlidar {
 namespace {
 
+using ::unlidar::testing::ConfigEntry;
+using ::unlidar::testing::ListConfig;
 using ::unlidar::testing::Random;
 using ::unlidar::testing::TemporaryFolder;
 

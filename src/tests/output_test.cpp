@@ -15,11 +15,14 @@
 #include "base/format.hpp"
 #include "config/config.hpp"
 #include "io/pcd.hpp"
+#include "tests/config_entries.hpp"
 #include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {
 
+using ::unlidar::testing::ConfigEntry;
+using ::unlidar::testing::ListConfig;
 using ::unlidar::testing::TemporaryFolder;
 
 constexpr TimeNs kBeginNs = 1'706'255'621'600'227'001;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <iterator>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -15,46 +14,25 @@ namespace unlidar {
 template <class T>
 class BlockQueue {
  public:
-  class ConstIterator {
-   public:
-    using iterator_category = std::random_access_iterator_tag;
-    using value_type = T;
-    using difference_type = std::ptrdiff_t;
-    using pointer = const T*;
-    using reference = const T&;
-
-    ConstIterator() = default;
-    ConstIterator(const BlockQueue& queue, std::size_t index)
-        : queue_(&queue), index_(static_cast<difference_type>(index)) {}
-
-    reference operator*() const { return (*queue_)[static_cast<std::size_t>(index_)]; }
-    pointer operator->() const { return &**this; }
-    ConstIterator& operator++() { return *this += 1; }
-    ConstIterator& operator--() { return *this += -1; }
-    ConstIterator& operator+=(difference_type step) {
-      index_ += step;
-      return *this;
-    }
-    friend difference_type operator-(const ConstIterator& a, const ConstIterator& b) {
-      return a.index_ - b.index_;
-    }
-    friend bool operator==(const ConstIterator& a, const ConstIterator& b) {
-      return a.index_ == b.index_;
-    }
-    friend bool operator!=(const ConstIterator& a, const ConstIterator& b) { return !(a == b); }
-
-   private:
-    const BlockQueue* queue_ = nullptr;
-    difference_type index_ = 0;
-  };
-
   bool empty() const { return size_ == 0; }
   std::size_t size() const { return size_; }
-  ConstIterator begin() const { return {*this, 0}; }
-  ConstIterator end() const { return {*this, size_}; }
   const T& front() const { return (*this)[0]; }
   const T& operator[](std::size_t i) const {
     return blocks_[(first_ + i) / kBlockSize][(first_ + i) % kBlockSize];
+  }
+
+  // Returns the index of the first value for which the predicate does not hold, as it does for all
+  // before: the size if there is none.
+  template <class Predicate>
+  std::size_t PartitionPoint(const Predicate& is_before) const {
+    std::size_t first = 0;
+    for (std::size_t length = size_; length > 0;) {
+      const std::size_t half = length / 2;
+      const bool is_behind = is_before((*this)[first + half]);
+      first += is_behind ? half + 1 : 0;
+      length = is_behind ? length - half - 1 : half;
+    }
+    return first;
   }
 
   void push_back(T value) {

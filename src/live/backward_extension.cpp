@@ -56,9 +56,7 @@ std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlo
   const auto is_before = [&](const LivePlot& one) {
     return one.plot.frame_time_ns < first.frame_time_ns;
   };
-  auto end = static_cast<std::size_t>(std::partition_point(seen.begin(), seen.end(), is_before) -
-                                      seen.begin());
-  while (end > 0) {
+  for (std::size_t end = seen.PartitionPoint(is_before); end > 0;) {
     std::size_t begin = end - 1;
     while (begin > 0 && seen[begin - 1].plot.frame == seen[end - 1].plot.frame) --begin;
     std::vector<LivePlot> plots;
@@ -83,9 +81,9 @@ std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlo
     const auto is_same_plot = [&](const LivePlot& other) {
       return other.plot.frame == one.plot.frame && other.plot.position_m == one.plot.position_m;
     };
-    const auto at = std::find_if(seen.begin(), seen.end(), is_same_plot);
-    if (at == seen.end() || !is_before(*at)) continue;
-    past.push_back(static_cast<std::uint32_t>(at - seen.begin()));
+    std::uint32_t at = 0;
+    while (at < seen.size() && !is_same_plot(seen[at])) ++at;
+    if (at < seen.size() && is_before(seen[at])) past.push_back(at);
   }
   std::sort(past.begin(), past.end());
   return past;

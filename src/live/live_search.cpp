@@ -139,10 +139,9 @@ void LiveSearch::Take(const Path& path) {
 bool LiveSearch::IsFull() const { return recent_plots_.size() > kMaxRecentPlots; }
 
 std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
-  const auto kept =
-      std::find_if(recent_plots_.begin(), recent_plots_.end(),
-                   [&](const LivePlot& seen) { return seen.plot.frame_time_ns >= oldest_ns; });
-  auto gone = static_cast<std::size_t>(kept - recent_plots_.begin());
+  std::size_t gone = 0;
+  const auto is_old = [&](const LivePlot& seen) { return seen.plot.frame_time_ns < oldest_ns; };
+  while (gone < recent_plots_.size() && is_old(recent_plots_[gone])) ++gone;
   if (IsFull()) gone = std::max(gone, recent_plots_.size() - 3 * kMaxRecentPlots / 4);
   for (TrackSearch& search : searches_) search.Forget(gone);
   recent_plots_.DropFirst(gone);

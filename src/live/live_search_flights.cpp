@@ -179,15 +179,15 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
   const TimeNs reach_ns = NsOf(kCrowdingReachS);
   const TimeNs begin_ns = flight_plots_.front().frame_time_ns - reach_ns;
   const TimeNs end_ns = flight_plots_.back().frame_time_ns + reach_ns;
-  const auto first = std::partition_point(
-      recent_plots_.begin(), recent_plots_.end(),
+  const std::size_t num_before = recent_plots_.PartitionPoint(
       [&](const LivePlot& seen) { return seen.plot.frame_time_ns < begin_ns; });
   std::vector<Plot> plots;
-  for (auto at = first; at != recent_plots_.end() && at->plot.frame_time_ns <= end_ns; ++at) {
-    plots.push_back(at->plot);
+  for (std::size_t i = num_before; i < recent_plots_.size(); ++i) {
+    if (recent_plots_[i].plot.frame_time_ns > end_ns) break;
+    plots.push_back(recent_plots_[i].plot);
   }
-  const std::ptrdiff_t num_before = first - recent_plots_.begin();
-  const std::vector<char> are_free(free_.begin() + num_before, free_.end());
+  const std::vector<char> are_free(free_.begin() + static_cast<std::ptrdiff_t>(num_before),
+                                   free_.end());
   std::vector<std::uint32_t> own = flight_members_;
   for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
   return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {

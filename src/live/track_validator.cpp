@@ -75,22 +75,22 @@ bool TrackValidator::IsCloud(int number, double time_s) {
 void TrackValidator::SetShape(const TrackFollower& follower, const RecentPlots& seen) {
   const Trajectory& trajectory = follower.fit().trajectory();
   shape_.Clear();
-  for (auto end = seen.end(); end != seen.begin();) {
-    const auto last = std::prev(end);
-    if (last->plot.frame_time_ns < trajectory.begin_ns()) break;
-    auto begin = last;
-    while (begin != seen.begin() && std::prev(begin)->plot.frame == last->plot.frame) --begin;
-    if (last->plot.frame_time_ns <= trajectory.end_ns()) {
+  for (std::size_t end = seen.size(); end > 0;) {
+    const Plot& last = seen[end - 1].plot;
+    if (last.frame_time_ns < trajectory.begin_ns()) break;
+    std::size_t begin = end - 1;
+    while (begin > 0 && seen[begin - 1].plot.frame == last.frame) --begin;
+    if (last.frame_time_ns <= trajectory.end_ns()) {
       clusters_.clear();
-      for (auto one = begin; one != end; ++one) {
-        const Plot& plot = one->plot;
+      for (std::size_t i = begin; i < end; ++i) {
+        const Plot& plot = seen[i].plot;
         const bool is_own = follower.fit().IsInlier(plot);
         if (!is_own && plot.lowest_m < kPersonHeightM) continue;
         clusters_.push_back({plot.time_ns, plot.position_m, is_own,
-                             static_cast<double>(plot.num_returns), &one->scatter_m2});
+                             static_cast<double>(plot.num_returns), &seen[i].scatter_m2});
       }
       if (!clusters_.empty()) {
-        shape_.Add(trajectory.At(last->plot.frame_time_ns), last->plot.ViewpointM(), clusters_);
+        shape_.Add(trajectory.At(last.frame_time_ns), last.ViewpointM(), clusters_);
       }
     }
     end = begin;

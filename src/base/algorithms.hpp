@@ -38,7 +38,7 @@ void SortByGroup(const std::vector<std::uint32_t>& group_of, std::size_t num_gro
   begins->assign(num_groups + 2, 0);
   for (const std::uint32_t group : group_of) ++(*begins)[group + 2];
   std::partial_sum(begins->begin(), begins->end(), begins->begin());
-  // The begin of each group moves on to its end, that of the next one.
+  // (*begins)[g + 1] moves from the begin of group g to its end.
   for (std::size_t i = 0; i < group_of.size(); ++i) place(i, (*begins)[group_of[i] + 1]++);
   begins->pop_back();
 }

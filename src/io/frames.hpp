@@ -55,9 +55,8 @@ void CheckNames(const std::vector<FrameSource>& sources);
 //
 // Throws UsageError for two sources of the same name. Throws InputError for a missing or empty
 // directory, a file without a stamp in that range, two frames of one sensor with the same stamp,
-// and a frame that cannot be read or has invalid point times. With config.skip_bad_frames such
-// frames are counted instead. Throws UnitError if the coordinates of a
-// sensor cannot be metres.
+// and a frame that cannot be read or has invalid point times; with config.skip_bad_frames such
+// frames are skipped and counted. Throws UnitError if the coordinates of a sensor cannot be metres.
 class FrameReader {
  public:
   FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,

@@ -139,9 +139,8 @@ void LiveSearch::Take(const Path& path) {
 bool LiveSearch::IsFull() const { return recent_plots_.size() > kMaxRecentPlots; }
 
 std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
-  std::size_t gone = 0;
-  const auto is_old = [&](const LivePlot& seen) { return seen.plot.frame_time_ns < oldest_ns; };
-  while (gone < recent_plots_.size() && is_old(recent_plots_[gone])) ++gone;
+  std::size_t gone = recent_plots_.PartitionPoint(
+      [&](const LivePlot& seen) { return seen.plot.frame_time_ns < oldest_ns; });
   if (IsFull()) gone = std::max(gone, recent_plots_.size() - 3 * kMaxRecentPlots / 4);
   for (TrackSearch& search : searches_) search.Forget(gone);
   recent_plots_.DropFirst(gone);

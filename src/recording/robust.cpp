@@ -226,25 +226,28 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   });
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
-  const auto roughly = [&] { return FindPathsRoughly(plots, scan_schedule, config.tracker); };
-  const auto thoroughly = [&] { return FindPaths(plots, scan_schedule, config.tracker); };
-  bool is_clutter_current = false;
-  // Returns true if any path is a target.
-  const auto search = [&](const auto& find) {
-    if (!is_clutter_current) multi_station_plots.EstimateClutter(assigned);
-    is_clutter_current = true;
-    paths = find();
+  // Returns true if any path is a target, whose plots are then assigned.
+  const auto decide_on = [&](std::vector<Path> found) {
+    paths = std::move(found);
     verdicts = verdicts_of(paths);
+    bool has_target = false;
     for (std::size_t k = 0; k < paths.size(); ++k) {
       if (verdicts[k].rejection != Rejection::kNone) continue;
       for (const std::uint32_t i : paths[k].plots) assigned[i] = 1;
-      is_clutter_current = false;
+      has_target = true;
     }
-    return !is_clutter_current;
+    return has_target;
   };
+  const auto search = [&] { return decide_on(FindPaths(plots, scan_schedule, config.tracker)); };
+  multi_station_plots.EstimateClutter(assigned);
   const bool has_second_round = config.Uses(Rule::kSecondRound);
-  const bool is_second_round = has_second_round && search(roughly);
-  if (search(thoroughly) && has_second_round && !is_second_round) search(thoroughly);
+  const bool is_second_round =
+      has_second_round && decide_on(FindPathsRoughly(plots, scan_schedule, config.tracker));
+  if (is_second_round) multi_station_plots.EstimateClutter(assigned);
+  if (search() && has_second_round && !is_second_round) {
+    multi_station_plots.EstimateClutter(assigned);
+    search();
+  }
   const std::vector<char>& are_bodies = multi_station_plots.are_bodies();
   result.counts = {multi_station_plots.num_unexplained(),
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),

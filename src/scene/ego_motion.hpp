@@ -78,7 +78,7 @@ class EgoMotion {
   TimeNs snapshot_begin_ns_ = 0;   // of the current or the last snapshot
   std::vector<float> lowest_m_;    // (cells) of the current snapshot
   std::vector<float> highest_m_;   // (cells)
-  Queue<Snapshot> snapshots_;      // the last ones since the last reset
+  Queue<Snapshot> snapshots_;      // at most kNumSnapshots, since the last reset
   std::vector<char> raster_;       // (cells and a margin) of an earlier snapshot, dilated
   std::vector<Cell> sampled_;      // evenly drawn cells of a snapshot
   std::vector<Cell> transformed_;  // the same after rotation

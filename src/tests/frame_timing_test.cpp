@@ -45,7 +45,7 @@ TEST(FrameTiming, TheCommonErrorIsThatOfAFrameWhereAllReturnsOfATargetAreOfOneIn
   }
 }
 
-TEST(FrameTiming, TheCommonErrorIsHalfAsLikelyAsNotWhereNothingTells) {
+TEST(FrameTiming, TheCommonErrorIsAsLikelyAsNotWhereNothingTells) {
   EXPECT_NEAR(TimingOf(true, 1, 0.1).VarianceS2(), 0.5 * kFrameSigmaS * kFrameSigmaS, 1e-9);
 }
 

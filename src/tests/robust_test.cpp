@@ -398,6 +398,32 @@ TEST(FindTargetsRobust, WhatATargetShowsBesideItsPathIsNoClutter) {
   EXPECT_EQ(Find(Yard(3, fill).recording).targets.size(), 1U);
 }
 
+// A drone that comes by the same places again and again, where its own plots of other times are
+// clutter unless they are known to be of a target.
+Eigen::Vector3d ToAndFro(double time_s) { return {8.0, 4.0 * std::sin(1.5 * time_s), 6.0}; }
+
+double ScoreOfToAndFro(const std::vector<double>& sigma_a_mps2, const std::vector<Rule>& without) {
+  RobustConfig config;
+  config.tracker.sigma_a_mps2 = sigma_a_mps2;
+  config.disabled_rules = without;
+  const Recording recording = Yard(4, DroneOn(ToAndFro, 4.0)).recording;
+  const RobustResult result = FindTargetsRobust(recording, config, TrajectoryConfig());
+  EXPECT_EQ(result.targets.size(), 1U);
+  return result.targets.empty() ? 0.0 : result.targets.front().score;
+}
+
+TEST(FindTargetsRobust, TheTargetsOfARoughSearchAreNoClutter) {
+  const double score = ScoreOfToAndFro({1.0, 3.0, 8.0}, {});
+  EXPECT_GT(score, ScoreOfToAndFro({1.0, 3.0, 8.0}, {Rule::kSecondRound}) + 50.0);
+}
+
+TEST(FindTargetsRobust, TargetsThatARoughSearchMissesAreNoClutterEither) {
+  // The median sigma_a, with which it searches, is far below the accelerations of the drone.
+  const double score = ScoreOfToAndFro({0.01, 0.02, 8.0}, {});
+  EXPECT_NEAR(score, ScoreOfToAndFro({8.0}, {}), 1.0);
+  EXPECT_GT(score, ScoreOfToAndFro({0.01, 0.02, 8.0}, {Rule::kSecondRound}) + 50.0);
+}
+
 // The same, seen from a sensor that stands elsewhere.
 Recording Moved(Recording recording, const Eigen::Vector3f& by_m) {
   for (SensorInfo& sensor : recording.sensors) sensor.origin_m += by_m;

@@ -93,6 +93,8 @@ class PathFinder {
     const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
     SetScores(judge, paths);
     effort_.pairs_compared += ImprovePaths(judge, config_, paths);
+    std::stable_sort(paths->begin(), paths->end(),
+                     [](const Path& a, const Path& b) { return a.score > b.score; });
   }
 
   TrackSearches Search(const std::vector<char>& free, double min_score,
@@ -100,15 +102,15 @@ class PathFinder {
     return SearchScans(scans_, log_births_, free, min_score, sigmas, scan_schedule_, config_);
   }
 
-  // Searches the free plots, roughly with the middle sigma_a alone. The rest that a search has left
-  // is clutter nearly always, as that one tells as well.
+  // Searches the free plots, roughly with the median sigma_a alone. The rest that earlier searches
+  // have left is mostly clutter, so all sigma_a search it only if that one finds a strong path.
   TrackSearches SearchFree(bool is_rough, bool is_rest) const {
-    const std::vector<double>& sigmas = config_.sigma_a_mps2;
     if (is_rough || is_rest) {
+      const std::vector<double> sigmas = SortedUnique(config_.sigma_a_mps2);
       TrackSearches searches = Search(free_, kMinWeakPathLog, {sigmas[sigmas.size() / 2]});
       if (is_rough || !IsStrong(BestOf(&searches))) return searches;
     }
-    return Search(free_, kMinWeakPathLog, sigmas);
+    return Search(free_, kMinWeakPathLog, config_.sigma_a_mps2);
   }
 
   void SetFree(const Path& path, char value) {
@@ -278,8 +280,6 @@ std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& 
   PathFinder finder(plots, scan_schedule, config);
   std::vector<Path> paths = finder.Find();
   if (effort != nullptr) *effort = finder.effort();
-  std::stable_sort(paths.begin(), paths.end(),
-                   [](const Path& a, const Path& b) { return a.score > b.score; });
   return paths;
 }
 

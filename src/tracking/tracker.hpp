@@ -44,8 +44,8 @@ struct Effort {
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort = nullptr);
 
-// Same, unsorted, with the middle sigma_a alone and without searching changed paths again: tells in
-// a third of the time which plots belong to targets.
+// Same, searched with the median sigma_a alone, and once: changed paths are not searched again.
+// Tells in a third of the time which plots belong to targets.
 std::vector<Path> FindPathsRoughly(const std::vector<Plot>& plots,
                                    const ScanSchedule& scan_schedule, const TrackerConfig& config);
 

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/algorithms.hpp"
 #include "tests/draws.hpp"
 #include "tests/several_threads.hpp"
 #include "tests/synthetic_plots.hpp"

@@ -244,7 +244,7 @@ TEST(FindPaths, CrossingTargetsKeepTheirOwnContinuation) {
   }
 }
 
-TEST(FindPaths, TheRoughOnesHaveThePlotsOfTheTargetsAndNoOthers) {
+TEST(FindPaths, TheRoughOnesHaveThePlotsOfTheTargetsAndHardlyAnyOthers) {
   for (std::uint32_t seed = 0; seed < 5; ++seed) {
     Random random(seed);
     std::vector<Plot> plots;

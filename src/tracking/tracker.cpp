@@ -47,34 +47,31 @@ Path BestOf(TrackSearches* searches) {
 
 class PathFinder {
  public:
+  // `is_rough`: see FindPathsRoughly().
   PathFinder(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
-             const TrackerConfig& config)
+             const TrackerConfig& config, bool is_rough)
       : plots_(plots),
         log_births_(LogBirths(plots, scan_schedule, config)),
         scans_(ScansOf(plots, log_births_, scan_schedule)),
         scan_schedule_(scan_schedule),
         config_(config),
+        is_rough_(is_rough),
         free_(plots.size(), 1) {}
 
   std::vector<Path> Find() {
-    std::vector<Path> paths = ExtractPaths(false);
+    std::vector<Path> paths = ExtractPaths();
     const PathScorer scorer = Scorer(TimeOutOfView::kNone);
     SetScores(scorer, &paths);
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
       effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
-      changed = SearchAgain(before, &paths) || SearchInReverse(scorer, &paths);
+      changed = !is_rough_ && (SearchAgain(before, &paths) || SearchInReverse(scorer, &paths));
     }
-    Judge(&paths);
-    return paths;
-  }
-
-  std::vector<Path> FindRoughly() {
-    std::vector<Path> paths = ExtractPaths(true);
-    const PathScorer scorer = Scorer(TimeOutOfView::kNone);
-    SetScores(scorer, &paths);
-    effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
-    Judge(&paths);
+    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
+    SetScores(judge, &paths);
+    effort_.pairs_compared += ImprovePaths(judge, config_, &paths);
+    std::stable_sort(paths.begin(), paths.end(),
+                     [](const Path& a, const Path& b) { return a.score > b.score; });
     return paths;
   }
 
@@ -89,14 +86,6 @@ class PathFinder {
     for (Path& path : *paths) path = scorer.WithScore(std::move(path.plots));
   }
 
-  void Judge(std::vector<Path>* paths) {
-    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
-    SetScores(judge, paths);
-    effort_.pairs_compared += ImprovePaths(judge, config_, paths);
-    std::stable_sort(paths->begin(), paths->end(),
-                     [](const Path& a, const Path& b) { return a.score > b.score; });
-  }
-
   TrackSearches Search(const std::vector<char>& free, double min_score,
                        const std::vector<double>& sigmas) const {
     return SearchScans(scans_, log_births_, free, min_score, sigmas, scan_schedule_, config_);
@@ -104,11 +93,11 @@ class PathFinder {
 
   // Searches the free plots, roughly with the median sigma_a alone. The rest that earlier searches
   // have left is mostly clutter, so all sigma_a search it only if that one finds a strong path.
-  TrackSearches SearchFree(bool is_rough, bool is_rest) const {
-    if (is_rough || is_rest) {
+  TrackSearches SearchFree(bool is_rest) const {
+    if (is_rough_ || is_rest) {
       const std::vector<double> sigmas = SortedUnique(config_.sigma_a_mps2);
       TrackSearches searches = Search(free_, kMinWeakPathLog, {sigmas[sigmas.size() / 2]});
-      if (is_rough || !IsStrong(BestOf(&searches))) return searches;
+      if (is_rough_ || !IsStrong(BestOf(&searches))) return searches;
     }
     return Search(free_, kMinWeakPathLog, config_.sigma_a_mps2);
   }
@@ -120,12 +109,12 @@ class PathFinder {
   // Removing the best path of a search leaves most of its other paths valid, so paths are taken
   // from one search until none is left; then the remaining plots are searched again. Only the
   // number of paths below kInitiationLog is limited.
-  std::vector<Path> ExtractPaths(bool is_rough) {
+  std::vector<Path> ExtractPaths() {
     std::vector<Path> paths;
     int num_weak = 0;
     for (bool found = true; found;) {
       found = false;
-      TrackSearches searches = SearchFree(is_rough, !paths.empty());
+      TrackSearches searches = SearchFree(!paths.empty());
       while (true) {
         Path best = BestOf(&searches);
         if (best.plots.empty()) break;
@@ -260,6 +249,7 @@ class PathFinder {
   std::vector<Scan> scans_;
   ScanSchedule scan_schedule_;
   const TrackerConfig& config_;
+  bool is_rough_;
   std::vector<char> free_;  // (plots) not held by a path
   Effort effort_;
 };
@@ -277,7 +267,7 @@ double ScoreThreshold(double num_plots, double false_alarms, const TrackerConfig
 
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort) {
-  PathFinder finder(plots, scan_schedule, config);
+  PathFinder finder(plots, scan_schedule, config, false);
   std::vector<Path> paths = finder.Find();
   if (effort != nullptr) *effort = finder.effort();
   return paths;
@@ -285,7 +275,7 @@ std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& 
 
 std::vector<Path> FindPathsRoughly(const std::vector<Plot>& plots,
                                    const ScanSchedule& scan_schedule, const TrackerConfig& config) {
-  return PathFinder(plots, scan_schedule, config).FindRoughly();
+  return PathFinder(plots, scan_schedule, config, true).Find();
 }
 
 }  // namespace unlidar

@@ -48,7 +48,7 @@ void UpDirection::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vec
   if (points_m.size() > 0 && !begin_ns_) begin_ns_ = time_ns;
   const bool is_over =
       begin_ns_ && time_ns - *begin_ns_ >= kCollectNs && points_m_.size() >= kMinPoints;
-  if (is_over || points_m_.size() >= kMaxPoints) return TryNext();
+  if (is_over || points_m_.size() >= kMaxPoints) return TestNext();
   const std::size_t step = std::max<std::size_t>(1, points_m.size() / kMaxPointsOfFrame);
   for (std::size_t i = 0; i < points_m.size(); i += step) {
     points_m_.push_back(points_m[i] - origin_m);
@@ -56,15 +56,17 @@ void UpDirection::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vec
 }
 
 void UpDirection::Finish() {
-  while (!IsDone()) TryNext();
+  while (!IsDone()) TestNext();
 }
 
-UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
+UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up, double min_cells) {
   const Eigen::Matrix3f rotation =
       Eigen::Quaternionf::FromTwoVectors(up, Eigen::Vector3f::UnitZ()).toRotationMatrix();
   rotated_m_.clear();
   for (const Eigen::Vector3f& point_m : points_m_) rotated_m_.push_back(rotation * point_m);
   ground_.Fit(rotated_m_);
+  Evidence evidence;
+  if (ground_.support() < min_cells) return evidence;
   double above = 0.0;
   double below = 0.0;
   for (const Eigen::Vector3f& point_m : rotated_m_) {
@@ -73,9 +75,7 @@ UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
     below += height_m < -kRoughM ? 1.0 : 0.0;
   }
   const auto all = static_cast<double>(points_m_.size());
-  Evidence evidence;
-  evidence.cells = ground_.support();
-  evidence.ground = evidence.cells * (all - above - below) / all * (all - below) / all;
+  evidence.ground = ground_.support() * (all - above - below) / all * (all - below) / all;
   if (below > above) evidence.ground *= above / below;  // objects hang from it: a ceiling
   evidence.has_objects_above = above >= kMinShareAbove * all;
   return evidence;
@@ -91,27 +91,26 @@ bool UpDirection::HasFloor() {
   return floor.FlatSupport(kFloorBandM) >= kMinFloorCells && floor.height_m() > -kMaxFloorDepthM;
 }
 
-void UpDirection::TryNext() {
+void UpDirection::TestNext() {
   const auto finish = [&] {
-    next_ = std::numeric_limits<std::size_t>::max();
+    step_ = std::numeric_limits<std::size_t>::max();
     points_m_ = {};
     rotated_m_ = {};
   };
-  if (points_m_.size() < kMinPoints) return finish();
-  if (next_ == directions_.size()) {
-    const bool is_contradicted =
-        best_.cells >= kMinGroundCells && best_.ground >= kMinGroundRatio * z_.ground;
-    if (is_contradicted && !HasFloor()) found_ = best_up_;
-    return finish();
+  if (points_m_.size() < kMinPoints || (step_ == 0 && HasFloor())) return finish();
+  if (step_ == 1) {
+    best_ground_ = kMinGroundRatio * EvidenceOf(directions_.front(), 0.0).ground;
+  } else if (step_ > 1) {
+    const Eigen::Vector3f& up = directions_[step_ - 1];
+    const Evidence evidence = EvidenceOf(up, std::max(kMinGroundCells, best_ground_));
+    if (evidence.has_objects_above && evidence.ground > best_ground_) {
+      best_ground_ = evidence.ground;
+      best_up_ = up;
+    }
   }
-  const Eigen::Vector3f& up = directions_[next_];
-  const Evidence evidence = EvidenceOf(up);
-  if (next_++ == 0) {
-    z_ = evidence;
-  } else if (evidence.has_objects_above && evidence.ground > best_.ground) {
-    best_ = evidence;
-    best_up_ = up;
-  }
+  if (step_++ < directions_.size()) return;
+  found_ = best_up_;
+  finish();
 }
 
 }  // namespace unlidar

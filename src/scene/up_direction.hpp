@@ -17,10 +17,11 @@ namespace unlidar {
 // 45 degrees apart, is tested as up with the returns of the first seconds of one sensor. z is
 // rejected if another direction has far more ground, with objects on it, unless a flat floor lies
 // below: indoors more of the ceiling is seen than of the floor, and only the floor below
-// distinguishes the two. The test is inconclusive for a sensor that sees only sky or a wall, is
-// tilted by less than about 30 degrees, or is rotated inside a hall.
+// distinguishes the two. Most scenes have one, so it is looked for first. The test is inconclusive
+// for a sensor that sees only sky or a wall, is tilted by less than about 30 degrees, or is rotated
+// inside a hall.
 //
-// One direction is tested per frame, to bound the time per frame.
+// The floor or one direction is tested per frame, to bound the time per frame.
 class UpDirection {
  public:
   UpDirection();
@@ -35,27 +36,28 @@ class UpDirection {
   const std::optional<Eigen::Vector3f>& found() const { return found_; }
 
  private:
-  bool IsDone() const { return next_ > directions_.size(); }
   // Evidence that a direction is up.
   struct Evidence {
-    double cells = 0.0;   // ground cells, far ones weighted by 1 / distance^2
-    double ground = 0.0;  // cells x share of returns on it x share not below it
+    // Ground cells, far ones weighted by 1 / distance^2, x share of returns on it x share not
+    // below it.
+    double ground = 0.0;
     bool has_objects_above = false;
   };
 
-  Evidence EvidenceOf(const Eigen::Vector3f& up);
+  bool IsDone() const { return step_ > directions_.size(); }
   bool HasFloor();
-  void TryNext();
+  // Returns no evidence if there are fewer ground cells than `min_cells`.
+  Evidence EvidenceOf(const Eigen::Vector3f& up, double min_cells);
+  void TestNext();
 
   std::vector<Eigen::Vector3f> directions_;  // z first
   std::vector<Eigen::Vector3f> points_m_;    // relative to the sensor
   std::vector<Eigen::Vector3f> rotated_m_;
   Ground ground_;
   std::optional<TimeNs> begin_ns_;  // time of the first frame with a return
-  std::size_t next_ = 0;            // direction to test next; beyond the size when done
-  Evidence z_;
-  Evidence best_;  // of the directions other than z
-  Eigen::Vector3f best_up_ = Eigen::Vector3f::UnitZ();
+  std::size_t step_ = 0;            // 0: the floor is tested next; k: direction k - 1
+  double best_ground_ = 0.0;        // of another direction than z: at least what rejects z
+  std::optional<Eigen::Vector3f> best_up_;
   std::optional<Eigen::Vector3f> found_;
 };
 

@@ -2,12 +2,13 @@
 
 #include <algorithm>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
 constexpr float kMarginM = 2.0F;  // an occluder is nearer than the place by more than its own size
 constexpr float kQuantumM = 0.05F;
-constexpr std::uint32_t kRangeBits = 16;
 constexpr std::uint16_t kNothing = 0xFFFF;
 constexpr std::uint32_t kNone = ~std::uint32_t{0};
 // Medians need few returns: of a larger frame every second, third, ... is taken.
@@ -41,18 +42,11 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
     carriers_[SlotOf(bin_)] = carrier;
   }
   const std::size_t step = 1 + points_m.size() / kEnoughReturns;
-  const auto num_sorted = static_cast<std::ptrdiff_t>(returns_.size());
   for (std::size_t i = 0; i < points_m.size(); i += step) {
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
-    returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)) << kRangeBits |
-                       QuantaOf(ray_m.norm()));
+    cell_of_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)));
+    quanta_.push_back(QuantaOf(ray_m.norm()));
   }
-  // Sorted frame by frame: to sort them all at the end of the bin would delay one frame too much.
-  std::sort(returns_.begin() + num_sorted, returns_.end());
-  merged_.resize(returns_.size());
-  std::merge(returns_.begin(), returns_.begin() + num_sorted, returns_.begin() + num_sorted,
-             returns_.end(), merged_.begin());
-  returns_.swap(merged_);
 }
 
 // Replaces the depths of the bin that left the window.
@@ -61,18 +55,21 @@ void Occlusion::FinishBin() {
   const std::size_t slot = SlotOf(bin_);
   for (std::size_t at = slot; at < depths_.size(); at += RecentBins::kWindow)
     depths_[at] = kNothing;
-  for (auto begin = returns_.begin(); begin != returns_.end();) {
-    const std::uint32_t cell = *begin >> kRangeBits;
-    const auto end = std::find_if(begin, returns_.end(),
-                                  [&](std::uint32_t one) { return one >> kRangeBits != cell; });
+  sorted_.resize(quanta_.size());
+  SortByGroup(cell_of_, cells_.size(), &begins_,
+              [&](std::size_t i, std::uint32_t at) { sorted_[at] = quanta_[i]; });
+  for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
+    const auto begin = sorted_.begin() + begins_[cell];
+    const auto end = sorted_.begin() + begins_[cell + 1];
+    if (begin == end) continue;
     if (rows_[cell] == kNone) {
       rows_[cell] = static_cast<std::uint32_t>(depths_.size());
       depths_.resize(depths_.size() + RecentBins::kWindow, kNothing);
     }
-    depths_[rows_[cell] + slot] = static_cast<std::uint16_t>(*(begin + (end - begin) / 2));
-    begin = end;
+    depths_[rows_[cell] + slot] = NthSmallest(begin, end, (end - begin) / 2);
   }
-  returns_.clear();
+  cell_of_.clear();
+  quanta_.clear();
 }
 
 Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin,

@@ -47,8 +47,10 @@ class Occlusion {
 
   DirectionCells cells_;
   std::int64_t bin_ = -1;
-  std::vector<std::uint32_t> returns_;  // of that bin: cell and quantised range, ascending
-  std::vector<std::uint32_t> merged_;   // buffer of Add()
+  std::vector<std::uint32_t> cell_of_;  // (returns of that bin)
+  std::vector<std::uint16_t> quanta_;   // (the same) quantised ranges
+  std::vector<std::uint16_t> sorted_;   // buffer of FinishBin(): these, by cell
+  std::vector<std::uint32_t> begins_;   // (cells + 1) in sorted_
   // Quantised, by row, then by bin modulo the window: a place is compared with all bins of its
   // direction.
   std::vector<std::uint16_t> depths_;

@@ -12,10 +12,11 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
   constexpr std::array<double, 3> kStartsMps2 = {1.0, 5.0, 25.0};
   BuildSplineModel(measurements, config_, model_);
   SetAccelerationTime(kTypicalAccelerationTimeS);
+  searched_weights_.clear();
   ScaleSearch best;
   for (const double start_mps2 : kStartsMps2) {
     FitRobust(model_, {start_mps2, 1.0}, memory_, fit_);
-    const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
+    const ScaleSearch found = SearchScalesOfTypicalTime();
     if (start_mps2 == kStartsMps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
   FitRobust(model_, best.scales, memory_, fit_);
@@ -38,12 +39,21 @@ void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
   memory_.solver.SetSmoothness(model_);
 }
 
+// Scales depend on a fit by its weights alone, and most starts lead to the same.
+ScaleSearch TrajectoryFitter::SearchScalesOfTypicalTime() {
+  if (fit_.weights != searched_weights_) {
+    searched_weights_ = fit_.weights;
+    searched_ = SearchScales(model_, fit_, config_, memory_);
+  }
+  return searched_;
+}
+
 // Returns the scales at the most likely tau for the weights of the present fit: starting from the
 // typical tau, it is halved or doubled while that is likelier.
 ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
   constexpr double kMaxFactor = 4.0;  // of the typical tau, either way
   const double typical_s = model_.acceleration_time_s;
-  ScaleSearch best = SearchScales(model_, fit_, config_, memory_);
+  ScaleSearch best = SearchScalesOfTypicalTime();
   for (const double factor : {0.5, 2.0}) {
     for (double time_s = factor * typical_s;
          time_s <= kMaxFactor * typical_s && kMaxFactor * time_s >= typical_s; time_s *= factor) {

@@ -29,6 +29,7 @@ class TrajectoryFitter {
 
  private:
   void SetAccelerationTime(double acceleration_time_s);
+  ScaleSearch SearchScalesOfTypicalTime();
   ScaleSearch SearchAccelerationTimes();
   void Finish(const std::vector<Measurement>& measurements, const TrajectoryScales& scales,
               Trajectory& trajectory);
@@ -40,6 +41,8 @@ class TrajectoryFitter {
   int max_ceres_iterations_;
   SplineModel model_;
   SplineFit fit_;
+  ScaleSearch searched_;                  // at the typical tau, for
+  std::vector<double> searched_weights_;  // these; empty: none
   FitMemory memory_;
   AgilityMemory agility_memory_;
 };

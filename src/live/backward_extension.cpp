@@ -14,9 +14,10 @@ namespace {
 // true hypothesis likelier than the others.
 constexpr std::size_t kMaxHypothesesBack = 400;
 
-// Reverses the time of a plot about 0.
+// Reverses the time of a plot about 0, and the order of frames.
 LivePlot InReverse(LivePlot seen) {
   seen.plot = TimeReversed(seen.plot);
+  seen.plot.frame = ~seen.plot.frame;
   seen.time_s = -seen.time_s;
   return seen;
 }
@@ -79,7 +80,7 @@ std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlo
   follower.GetLikeliestPath(&path);
   for (const LivePlot& one : path) {
     const auto is_same_plot = [&](const LivePlot& other) {
-      return other.plot.frame == one.plot.frame && other.plot.position_m == one.plot.position_m;
+      return other.plot.frame == ~one.plot.frame && other.plot.position_m == one.plot.position_m;
     };
     std::uint32_t at = 0;
     while (at < seen.size() && !is_same_plot(seen[at])) ++at;

@@ -21,6 +21,9 @@ constexpr double kReacquisitionGain = 2.0;
 constexpr double kContinuationGain = -1.0;
 constexpr double kGateSigmas = 6.0;
 
+constexpr std::int32_t kKept = 0;  // mark of a node
+constexpr std::size_t kNoPlot = ~std::size_t{0};
+
 }  // namespace
 
 TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
@@ -135,7 +138,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
         AddPlot(plots[i], at);
         is_taken = has_new_plots_ = true;
       }
-      node.plot = first_plot_ + plots_.size() - 1;
+      node.plot = plots_.size() - 1;
       node.parent = leaf;
       const std::int32_t confirmed = ConfirmedAt(leaf);
       const Hypothesis& last = NodeAt(confirmed).h;
@@ -160,10 +163,13 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
   std::partial_sort(next.begin(), nth(kMaxHypotheses), next.end());
   leaves_.clear();
   for (const auto& [negated_score, leaf] : next) leaves_.push_back(leaf);
+  // Of a settled track Settle() forgets.
+  if (settled_ == kNoIndex && nodes_.size() >= 2 * num_kept_nodes_) Forget();
 }
 
 void TrackFollower::AddPlot(const LivePlot& seen, const FrameTime& at) {
-  frame_times_.Add(static_cast<std::uint32_t>(first_plot_ + plots_.size()), at);
+  const std::uint32_t frame = seen.plot.frame;
+  if (plots_.empty() || plots_.back().plot.frame != frame) frame_times_.Add(frame, at);
   plots_.push_back(seen);
 }
 
@@ -178,8 +184,7 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   std::vector<FollowedPlot> followed;
   followed.reserve(plots.size());
   for (const std::size_t plot : plots) {
-    followed.push_back(
-        {plots_[plot - first_plot_], frame_times_.At(static_cast<std::uint32_t>(plot))});
+    followed.push_back({plots_[plot], frame_times_.At(plots_[plot].plot.frame)});
   }
   const std::size_t last = plots.size() - 1;
   std::int32_t parent = confirmed;
@@ -263,51 +268,69 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   Forget();
 }
 
-void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
+std::int32_t TrackFollower::LikeliestEnd() const {
   const auto best =
       std::max_element(nodes_.begin(), nodes_.end(),
                        [](const Node& a, const Node& b) { return a.h.score < b.h.score; });
-  auto at = static_cast<std::int32_t>(best - nodes_.begin());
-  for (; at != kNoIndex; at = NodeAt(at).parent) {
+  return static_cast<std::int32_t>(best - nodes_.begin());
+}
+
+void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
+  for (std::int32_t at = LikeliestEnd(); at != kNoIndex; at = NodeAt(at).parent) {
     plots->push_back(PlotOf(NodeAt(at)));
   }
   std::reverse(plots->begin(), plots->end());
 }
 
-// Deletes settled nodes older than the fit needs.
+// Marks a leaf and its ancestors as kept, back to those that are settled and before `from_s`.
+void TrackFollower::MarkAncestors(std::int32_t leaf, double from_s) {
+  for (std::int32_t k = leaf; k != kNoIndex && scratch_.moved[static_cast<std::size_t>(k)] != kKept;
+       k = NodeAt(k).parent) {
+    if (k < settled_ && NodeAt(k).h.time_s < from_s) return;
+    scratch_.moved[static_cast<std::size_t>(k)] = kKept;
+  }
+}
+
+// Deletes the nodes that no leaf descends from, with their plots, and those older than the fit
+// needs: among strays nearly all lead nowhere. The likeliest path may end at any node until nodes
+// are settled.
 void TrackFollower::Forget() {
-  const double from_s = NodeAt(settled_).h.time_s - kTrackFitS;
   constexpr std::size_t kMinNodesToCompact = 512;
   if (nodes_.size() < kMinNodesToCompact) return;
+  const double from_s = settled_ == kNoIndex ? 0.0 : NodeAt(settled_).h.time_s - kTrackFitS;
   std::vector<std::int32_t>& moved = scratch_.moved;
   moved.reserve(nodes_.capacity());
   moved.assign(nodes_.size(), kNoIndex);
-  constexpr std::int32_t kWanted = 0;
-  std::size_t first_plot = first_plot_ + plots_.size() - 1;
-  for (const std::int32_t leaf : leaves_) {
-    for (std::int32_t k = leaf; k != kNoIndex;) {
-      const Node& node = NodeAt(k);
-      if (k < settled_ && node.h.time_s < from_s) break;
-      first_plot = std::min(first_plot, node.plot);
-      if (moved[static_cast<std::size_t>(k)] == kWanted) break;
-      moved[static_cast<std::size_t>(k)] = kWanted;
-      k = node.parent;
-    }
-  }
+  for (const std::int32_t leaf : leaves_) MarkAncestors(leaf, from_s);
+  if (settled_ == kNoIndex) MarkAncestors(LikeliestEnd(), from_s);
+  std::vector<std::size_t>& moved_plots = scratch_.moved_plots;
+  moved_plots.reserve(plots_.capacity());
+  moved_plots.assign(plots_.size(), kNoPlot);
   std::size_t kept = 0;
   for (std::size_t k = 0; k < nodes_.size(); ++k) {
-    if (moved[k] != kWanted) continue;
+    if (moved[k] != kKept) continue;
     Node node = nodes_[k];
     if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
+    // Of a settled track a node that was confirmed itself is tentative until the next detection.
+    if (settled_ == kNoIndex) moved[k] = static_cast<std::int32_t>(kept);
     node.confirmed = moved[static_cast<std::size_t>(std::max(settled_, node.confirmed))];
     moved[k] = static_cast<std::int32_t>(kept);
+    moved_plots[node.plot] = 0;
     nodes_[kept++] = node;
   }
   nodes_.resize(kept);
+  num_kept_nodes_ = kept;
   for (std::int32_t& leaf : leaves_) leaf = moved[static_cast<std::size_t>(leaf)];
-  settled_ = moved[static_cast<std::size_t>(settled_)];
-  for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
-  frame_times_.Forget(static_cast<std::uint32_t>(first_plot));
+  if (settled_ != kNoIndex) settled_ = moved[static_cast<std::size_t>(settled_)];
+  std::size_t num_plots = 0;
+  for (std::size_t i = 0; i < plots_.size(); ++i) {
+    if (moved_plots[i] == kNoPlot) continue;
+    if (num_plots != i) plots_[num_plots] = std::move(plots_[i]);
+    moved_plots[i] = num_plots++;
+  }
+  plots_.resize(num_plots);
+  for (Node& node : nodes_) node.plot = moved_plots[node.plot];
+  frame_times_.Forget(plots_.front().plot.frame);
 }
 
 }  // namespace unlidar

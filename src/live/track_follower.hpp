@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/queue.hpp"
 #include "collection/collect.hpp"
 #include "collection/frame_timing.hpp"
 #include "live/live_plot.hpp"
@@ -74,7 +73,7 @@ class TrackFollower {
     Hypothesis h;
     std::uint32_t model = 0;
     std::int32_t parent = kNoIndex;
-    std::size_t plot = 0;               // number among all plots ever stored
+    std::size_t plot = 0;               // index into plots_
     std::int32_t confirmed = kNoIndex;  // newest confirmed node on its path, or itself
     double current_score = 0.0;         // track score with the missed detections since its plot
   };
@@ -100,20 +99,23 @@ class TrackFollower {
     std::vector<PredictedLeaf> predicted;                  // leaves that may be the best of a plot
     std::vector<std::pair<double, std::int32_t>> ranking;  // of the next leaves: (-score, leaf)
     std::vector<std::int32_t> moved;                       // (nodes) new indices
+    std::vector<std::size_t> moved_plots;                  // (plots) likewise
   };
 
   Node& NodeAt(std::int32_t index) { return nodes_[static_cast<std::size_t>(index)]; }
   const Node& NodeAt(std::int32_t index) const { return nodes_[static_cast<std::size_t>(index)]; }
-  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
+  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot]; }
   void AddPlot(const LivePlot& seen, const FrameTime& at);
   void Associate(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
                  const FrameTime& at);
   void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
+  std::int32_t LikeliestEnd() const;  // of all paths
   // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
   std::int32_t ConfirmedAt(std::int32_t leaf) const;
   std::int32_t NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
   void Forget();
+  void MarkAncestors(std::int32_t leaf, double from_s);
 
   // Timing of a sensor, from this many returns of the target.
   struct SensorTiming {
@@ -130,9 +132,9 @@ class TrackFollower {
   std::size_t max_hypotheses_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
-  Queue<LivePlot> plots_;
-  RecentFrameTimes frame_times_;  // by number of the plot
-  std::size_t first_plot_ = 0;    // number of the first in plots_
+  std::size_t num_kept_nodes_ = 0;    // when the others were last forgotten
+  std::vector<LivePlot> plots_;       // of the nodes, in order of frames
+  RecentFrameTimes frame_times_;      // of these plots
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   double first_time_s_;  // of its frame

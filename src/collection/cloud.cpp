@@ -110,7 +110,8 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
       const Eigen::Vector3d offset_across_m = offset_m - offset_m.dot(along) * along;
       double across_m2 = 0.5 * cluster.num_returns * offset_across_m.squaredNorm();
       if (cluster.scatter_m2 != nullptr) {
-        across_m2 += 0.5 * (cluster.scatter_m2->trace() - along.dot(*cluster.scatter_m2 * along));
+        const Eigen::Matrix3d scatter_m2 = cluster.scatter_m2->Full();
+        across_m2 += 0.5 * (scatter_m2.trace() - along.dot(scatter_m2 * along));
       }
       if (cluster.is_own) {
         centred.Add({cluster.num_returns, across_m2});

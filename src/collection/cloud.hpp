@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "base/symmetric_matrix.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"
@@ -24,7 +25,7 @@ struct ReturnCluster {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // their mean
   bool is_own = false;                                   // of the target under test
   double num_returns = 1.0;
-  const Eigen::Matrix3d* scatter_m2 = nullptr;  // sum over returns, about their mean; may be null
+  const SymmetricMatrix* scatter_m2 = nullptr;  // sum over returns, about their mean; may be null
 };
 
 // Extent of a target and of the returns about it along its trajectory.

@@ -29,7 +29,7 @@ constexpr TimeNs kMaxExtensionNs = 2'000'000'000;
 constexpr RangeRadius kDwellRadius{1.5, 0.03};
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const StationModel& station,
-                    const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
+                    const IndexView& returns, const Eigen::Vector3d& velocity_mps,
                     const BodySigmas& body) {
   Measurement m;
   const auto n = static_cast<double>(returns.size());

@@ -96,7 +96,7 @@ class PathEnd {
  private:
   Eigen::Vector3f PointM(const Return& one) const { return recording_.points_m[one.index]; }
 
-  Plot PlotOf(std::uint32_t frame_index, std::vector<std::uint32_t> returns) const {
+  Plot PlotOf(std::uint32_t frame_index, const std::vector<std::uint32_t>& returns) const {
     const FrameInfo& frame = recording_.frames[frame_index];
     Plot plot;
     plot.frame = frame_index;
@@ -104,7 +104,7 @@ class PathEnd {
     plot.time_ns = plot.frame_time_ns = frame.middle_ns();
     plot.position_m = MeanOf(recording_, returns);
     plot.num_returns = static_cast<std::uint32_t>(returns.size());
-    plot.returns = std::move(returns);
+    plot.returns = {returns.begin(), returns.end()};
     return plot;
   }
 

@@ -40,8 +40,8 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
 void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track) {
   track->adapted_plots.assign(plots.begin(), plots.end());
   for (LivePlot& seen : track->adapted_plots) {
-    if (!seen.dwell_begin_s ||
-        !AreNear(track->follower->PlaceAtM(*seen.dwell_begin_s), seen.plot.position_m))
+    if (std::isnan(seen.dwell_begin_s) ||
+        !AreNear(track->follower->PlaceAtM(seen.dwell_begin_s), seen.plot.position_m))
       continue;
     const double log_before =
         std::max(seen.log_surrounding_clutter, std::log(seen.plot.place_rate));

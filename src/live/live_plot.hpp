@@ -6,10 +6,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <functional>
-#include <optional>
+#include <limits>
 #include <vector>
 
 #include "base/block_queue.hpp"
+#include "base/symmetric_matrix.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
@@ -19,14 +20,14 @@ namespace unlidar {
 // A plot as a measurement of a target, before the velocity of the target is known.
 struct LivePlot {
   Plot plot;
-  double time_s = 0.0;    // middle of its frame, since the start of the first frame
-  TimeNs stamp_ns = 0;    // of its frame
-  std::uint32_t bin = 0;  // time bin of its frame
-  std::optional<double>
-      dwell_begin_s;  // start of the dwell of its place, same origin as time_s, if known
-  double log_surrounding_clutter =
-      0.0;  // log_clutter from the neighbourhood alone, without spot and place
-  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns about their mean
+  double time_s = 0.0;  // middle of its frame, since the start of the first frame
+  TimeNs stamp_ns = 0;  // of its frame
+  // Start of the dwell of its place, same origin as time_s; not a number if it is not known.
+  double dwell_begin_s = std::numeric_limits<double>::quiet_NaN();
+  // log_clutter from the neighbourhood alone, without spot and place.
+  double log_surrounding_clutter = 0.0;
+  std::uint32_t bin = 0;       // time bin of its frame
+  SymmetricMatrix scatter_m2;  // sum over its returns about their mean
 };
 
 // Plots of the last frames, in order of time.

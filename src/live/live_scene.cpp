@@ -209,17 +209,19 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
     seen.plot.frame = num_frames_;
     seen.bin = held->bin;
     // In rain a stream knows a place for too short a time: its surroundings say more.
-    if (seen.plot.stray_group_rate == 0.0) {
+    if (seen.plot.stray_group_rate == 0.0F) {
       seen.plot.place_rate = station.scene.occupancy().RateAround(
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }
+    Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
     std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
-      seen.scatter_m2 += d * d.transpose();
+      scatter_m2 += d * d.transpose();
       // nullopt compares less than any bin
       dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);
     }
+    seen.scatter_m2 = SymmetricMatrix(scatter_m2);
     if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);
   }

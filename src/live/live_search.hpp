@@ -98,7 +98,7 @@ class LiveSearch {
   // A verdict on the paths to a plot that stands for so many more plots.
   struct StandingVerdict {
     Rejection rejection = Rejection::kNone;
-    std::size_t num_plots = 0;
+    std::uint32_t num_plots = 0;
   };
 
   void CountPlots(const SceneFrame& frame);

@@ -70,8 +70,8 @@ Rejection LiveSearch::StandingRejection(const Path& path) {
 void LiveSearch::LetStand(Rejection rejection, const Path& path) {
   if (rejection == Rejection::kTooFewDetections) return;  // the next plot may be the one it lacks
   const auto share =
-      static_cast<std::size_t>(kStandingShare * static_cast<double>(path.plots.size()));
-  const auto most = static_cast<std::size_t>(config_.robust.min_plots);
+      static_cast<std::uint32_t>(kStandingShare * static_cast<double>(path.plots.size()));
+  const auto most = static_cast<std::uint32_t>(config_.robust.min_plots);
   verdicts_[path.plots.back()] = {rejection, std::min(share, most)};
 }
 

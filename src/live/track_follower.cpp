@@ -261,7 +261,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
     const Eigen::Vector3d across =
         seen.plot.ray_m.cross(NodeAt(at).h.state.mean.col(1)).stableNormalized();
     if (across.squaredNorm() < 0.5) continue;
-    body_scatter_m2_ += across.dot(seen.scatter_m2 * across);
+    body_scatter_m2_ += across.dot(seen.scatter_m2.Full() * across);
     body_count_ += n - 1.0;
   }
   body_sigma_m_ = std::sqrt(body_scatter_m2_ / body_count_);

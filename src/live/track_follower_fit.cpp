@@ -16,7 +16,7 @@ void TrackFollower::AddToTimings(const Node& node, std::vector<SensorTiming>* ti
   streak.length_s = plot.streak_s;
   streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
   streak.num_returns = static_cast<double>(plot.num_returns);
-  streak.scatter_m2 = PlotOf(node).scatter_m2;
+  streak.scatter_m2 = PlotOf(node).scatter_m2.Full();
   streak.ray_m = plot.ray_m;
   streak.velocity_mps = node.h.state.mean.col(1);
   known.frames.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});

@@ -113,7 +113,7 @@ class TargetCollector {
   std::size_t OwnerOf(const Path& path) const {
     const auto is_owner = [&](const Target& target) {
       const auto has = [&](std::uint32_t plot) {
-        const std::vector<std::uint32_t>& returns = plots_[plot].returns;
+        const IndexList& returns = plots_[plot].returns;
         return std::any_of(returns.begin(), returns.end(), [&](std::uint32_t i) {
           return std::binary_search(target.returns.begin(), target.returns.end(), i);
         });

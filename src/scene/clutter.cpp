@@ -293,7 +293,7 @@ ClutterModel::SpotRate ClutterModel::SpotRateOf(const Plot& plot) const {
   const double num_frames = std::max(sensor.num_frames, 1U);
   SpotRate rate;
   rate.per_plot = 1.0 / num_frames / PlotVolumeM3(plot);
-  if (plot.stray_group_rate > 0.0) {
+  if (plot.stray_group_rate > 0.0F) {
     rate.num_strays = plot.stray_group_rate * num_frames * sensor.spots.VolumeM3(PlaceM(plot));
   }
   return rate;

@@ -105,7 +105,7 @@ void Columns::Add(const Plot& plot) {
   const double radius_m = kColumnRadius.At(plot.ray_m.norm());
   columns_.push_back({plot.position_m.x(), radius_m, &plot, columns_.size()});
   const Eigen::Vector3d across_m(radius_m + kRoundingM, radius_m + kRoundingM, 0.0);
-  const Eigen::Vector3d down_m(0.0, 0.0, std::max(plot.column_m, 0.0) + kRoundingM);
+  const Eigen::Vector3d down_m(0.0, 0.0, std::max(plot.column_m, 0.0F) + kRoundingM);
   box_.extend((plot.position_m + across_m).cast<float>());
   box_.extend((plot.position_m - across_m - down_m).cast<float>());
 }
@@ -148,7 +148,7 @@ void FramePlotter::CountInLineBelow(const Recording& recording, const FrameInfo&
     const float range_m = ray_m.head<2>().norm();
     const auto radius_m = static_cast<float>(kColumnRadius.At(plot.ray_m.norm()));
     sights_.push_back({&plot, ray_m.head<2>() / range_m, range_m, radius_m,
-                       (ray_m.z() - static_cast<float>(plot.column_m)) / range_m,
+                       (ray_m.z() - plot.column_m) / range_m,
                        (ray_m.z() - static_cast<float>(kBelowPlotM)) / range_m});
   }
   if (sights_.empty()) return;
@@ -233,7 +233,8 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
     plot.shift_m = frame.carrier.shift_m;
     plot.carrier_ray_m = frame.carrier.rotation.conjugate() * plot.ray_m.cast<float>();
-    plot.column_m = ground.HeightAbove(plot.PlaceM().cast<float>()) - kRoughnessM;
+    plot.column_m =
+        static_cast<float>(ground.HeightAbove(plot.PlaceM().cast<float>()) - kRoughnessM);
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();
     for (const std::uint32_t i : returns) {

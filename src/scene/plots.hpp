@@ -9,6 +9,7 @@
 #include <functional>
 #include <vector>
 
+#include "base/index_list.hpp"
 #include "base/maths.hpp"
 #include "base/queue.hpp"
 #include "base/recording.hpp"
@@ -57,13 +58,13 @@ struct Plot {
   double variance_m2 = 0.0;         // of the position, per axis, for a target at rest
   double lowest_m = 0.0;            // height of its lowest return above the ground
   double place_rate = 0.0;          // of its returns, see StationScene::FindPlots
-  double stray_group_rate = 0.0;    // of plots where dense strays are, if it is there; otherwise 0
   double log_clutter = 0.0;         // log clutter intensity, per m^3 and frame of its sensor
+  float stray_group_rate = 0.0F;    // of plots where dense strays are, if it is there; otherwise 0
   bool is_floating = false;         // static and unsupported: MarkFloating
   bool is_above_structure = false;  // that may carry people and vehicles: a bridge or a roof
   bool has_structure = false;       // returns at places that look like structure, unsupported
-  double column_m = 0.0;        // length of the column below it in which returns may be a body's
-  double watched_below = 1.0;   // share of that column that has rays, over its own; at most 1
+  float column_m = 0.0F;        // length of the column below it in which returns may be a body's
+  float watched_below = 1.0F;   // share of that column that has rays, over its own; at most 1
   std::uint32_t num_below = 0;  // returns of its frame in that column
   // Returns of its frame in line with that column, nearer and farther, if it is low and has none.
   std::uint32_t num_before_below = 0;
@@ -71,7 +72,7 @@ struct Plot {
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::uint32_t num_returns = 0;
-  std::vector<std::uint32_t> returns;  // indices into the recording; empty in a stream
+  IndexList returns;  // into the recording; empty in a stream
 
   // Returns the place from which it was seen.
   Eigen::Vector3d ViewpointM() const { return position_m - ray_m; }

@@ -133,7 +133,7 @@ void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const
   };
   const double own = share_between(-kBodyPartM / 2, kBodyPartM / 2);
   const double below = share_between(-plot->column_m, -kBelowPlotM);
-  plot->watched_below = below < own ? below / own : (below > 0.0 ? 1.0 : 0.0);
+  plot->watched_below = static_cast<float>(below < own ? below / own : (below > 0.0 ? 1.0 : 0.0));
 }
 
 // Structure may carry what is no higher above it than people and vehicles are above the ground.
@@ -163,7 +163,8 @@ void StationScene::SetPlaceRate(const IndexView& returns, Plot* plot) const {
   const double radius_m = config_->plots.link.At(plot->ray_m.norm());
   const auto count = static_cast<double>(returns.size());
   plot->place_rate = StrayGroupRate(stray_rate, radius_m, count);
-  plot->stray_group_rate = RareStrayGroupRate(stray_rate, radius_m, kMaxStrayRate);
+  plot->stray_group_rate =
+      static_cast<float>(RareStrayGroupRate(stray_rate, radius_m, kMaxStrayRate));
 }
 
 }  // namespace unlidar

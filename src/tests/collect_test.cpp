@@ -90,8 +90,9 @@ RecordingMaker Flight(std::uint32_t seed, double returns_per_frame) {
 TEST(CollectTarget, FindsTheReturnsThatThePathMissed) {
   const RecordingMaker maker = Flight(1, 4.0);
   std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
-  for (std::size_t k = 0; k < path.size(); ++k) path[k].returns.resize(1);  // one each,
-  for (std::size_t k = path.size(); k-- > 0;) {                             // of every third frame
+  for (std::size_t k = 0; k < path.size(); ++k)
+    path[k].returns = {path[k].returns.front()};  // one each,
+  for (std::size_t k = path.size(); k-- > 0;) {   // of every third frame
     if (k % 3 != 0) path.erase(path.begin() + static_cast<std::ptrdiff_t>(k));
   }
   const Target target = Collect(maker, path);

@@ -32,7 +32,7 @@ LivePlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   seen.plot.variance_m2 = 0.02;
   seen.plot.log_clutter = std::log(1e-6);
   seen.plot.num_returns = 3;
-  seen.scatter_m2 = 3.0 * 0.1 * 0.1 * Eigen::Matrix3d::Identity();
+  seen.scatter_m2 = SymmetricMatrix(3.0 * 0.1 * 0.1 * Eigen::Matrix3d::Identity());
   seen.stamp_ns = FrameAt(i).stamp_ns;
   seen.time_s = MiddleS(i);
   return seen;
@@ -57,7 +57,7 @@ LivePlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
   seen.plot.variance_m2 = 0.1;
   seen.plot.log_clutter = log_clutter;
   seen.plot.num_returns = 1;
-  seen.scatter_m2.setZero();
+  seen.scatter_m2 = {};
   return seen;
 }
 
@@ -293,7 +293,7 @@ LivePlot SeldomAt(int i, double measured_s, Random* random) {
   seen.time_s = (i + 0.5) * kEvery * kPeriodS;
   constexpr int kReturns = 6;
   seen.plot.num_returns = kReturns;
-  seen.scatter_m2.setZero();
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
   std::vector<Eigen::Vector3d> returns_m;
   for (int k = 0; k < kReturns; ++k) {
     const double time_s = kEvery * kPeriodS * i + random->Uniform(0.0, measured_s);
@@ -303,8 +303,9 @@ LivePlot SeldomAt(int i, double measured_s, Random* random) {
   }
   for (const Eigen::Vector3d& return_m : returns_m) {
     const Eigen::Vector3d offset_m = return_m - seen.plot.position_m;
-    seen.scatter_m2 += offset_m * offset_m.transpose();
+    scatter_m2 += offset_m * offset_m.transpose();
   }
+  seen.scatter_m2 = SymmetricMatrix(scatter_m2);
   seen.plot.ray_m = seen.plot.position_m;
   return seen;
 }
@@ -353,7 +354,8 @@ std::vector<TrajectoryRow> RowsOfOneThatSpeedsUp(double streak_s, bool has_strea
     seen.plot.num_returns = 6;
     const double way_m = 1.5 * time_s * kPeriodS;
     const double along_m2 = has_streak ? way_m * way_m / 12.0 : 0.0;
-    seen.scatter_m2 = 5.0 * Eigen::Vector3d(0.01, 0.01 + along_m2, 0.01).asDiagonal();
+    seen.scatter_m2 = SymmetricMatrix(
+        Eigen::Matrix3d(Eigen::Vector3d(0.05, 0.05 + 5.0 * along_m2, 0.05).asDiagonal()));
     return seen;
   };
   Tracks t;
@@ -431,8 +433,8 @@ TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
 // Something of this width on the way of DroneAt.
 LivePlot SpreadAt(int i, double spread_m) {
   LivePlot seen = DroneAt(i);
-  seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * spread_m * spread_m *
-                    Eigen::Matrix3d::Identity();
+  seen.scatter_m2 = SymmetricMatrix(static_cast<double>(seen.plot.num_returns) * spread_m *
+                                    spread_m * Eigen::Matrix3d::Identity());
   return seen;
 }
 
@@ -448,7 +450,7 @@ LivePlot SlowDustAt(int i) { return SpreadAt(i, 0.1 + 0.004 * i); }
 // A target too small for a drone.
 LivePlot InsectAt(int i) {
   LivePlot seen = DroneAt(i);
-  seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
+  seen.scatter_m2 = SymmetricMatrix(3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity());
   return seen;
 }
 

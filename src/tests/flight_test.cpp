@@ -158,7 +158,7 @@ class Passing {
       path[i].frame = i;
       path[i].frame_time_ns = TimeOf(i);
       path[i].position_m = {10.0, kStep_m * i, kHeight_m};
-      path[i].column_m = kHeight_m - 0.25;
+      path[i].column_m = static_cast<float>(kHeight_m - 0.25);
       path[i].num_below = IsAbove(i) ? 3 : 0;
     }
     recording.sensors.resize(1);

@@ -133,9 +133,10 @@ TEST(Plots, AreTheSingleLinkageOfTheReturnsOfAFrame) {
     }
     const Found found = FindPlots(recording, config);
     Groups groups;
-    for (Plot plot : found.plots) {
-      std::sort(plot.returns.begin(), plot.returns.end());
-      groups.insert(plot.returns);
+    for (const Plot& plot : found.plots) {
+      std::vector<std::uint32_t> group(plot.returns.begin(), plot.returns.end());
+      std::sort(group.begin(), group.end());
+      groups.insert(group);
     }
     EXPECT_EQ(groups, LinkedByBruteForce(recording.points_m, config.plots.link));
     EXPECT_EQ(groups.size(), found.plots.size());
@@ -542,7 +543,7 @@ std::vector<Plot> PlotsInTheSky(const Recording& recording) {
     for (std::size_t p = 0; p < found.plots.size(); ++p) {
       const IndexView returns = plotter.ReturnsOf(p);
       plots.push_back(found.plots[p]);
-      plots.back().returns.assign(returns.begin(), returns.end());
+      plots.back().returns = {returns.begin(), returns.end()};
     }
   }
   MarkFloating(recording, support, config, &plots);

@@ -55,9 +55,11 @@ LivePlot PlotOf(int i, const Eigen::Vector3d& truth_m, Random* random) {
     mean_m += returns_m.back() / kReturns;
   }
   LivePlot seen;
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
   for (const Eigen::Vector3d& one_m : returns_m) {
-    seen.scatter_m2 += (one_m - mean_m) * (one_m - mean_m).transpose();
+    scatter_m2 += (one_m - mean_m) * (one_m - mean_m).transpose();
   }
+  seen.scatter_m2 = SymmetricMatrix(scatter_m2);
   seen.plot.frame = static_cast<std::uint32_t>(i);
   seen.plot.time_ns = seen.plot.frame_time_ns = FrameAt(i).middle_ns();
   seen.plot.position_m = seen.plot.ray_m = mean_m;

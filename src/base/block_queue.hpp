@@ -9,8 +9,8 @@
 
 namespace unlidar {
 
-// For long queues: it grows without a copy and without room for as many values again. Blocks are
-// reused, so that a queue that loses as much as it gains allocates nothing.
+// For long queues and tables: it grows without a copy and without room for as many values again.
+// Blocks are reused, so that a queue that loses as much as it gains allocates nothing.
 template <class T>
 class BlockQueue {
  public:
@@ -20,6 +20,10 @@ class BlockQueue {
   const T& operator[](std::size_t i) const {
     return blocks_[(first_ + i) / kBlockSize][(first_ + i) % kBlockSize];
   }
+  T& operator[](std::size_t i) { return const_cast<T&>(std::as_const(*this)[i]); }
+
+  // Number of values for which there is memory behind the first.
+  std::size_t capacity() const { return blocks_.size() * kBlockSize - first_; }
 
   // Returns the index of the first value for which the predicate does not hold, as it does for all
   // before: the size if there is none.
@@ -49,11 +53,21 @@ class BlockQueue {
     first_ %= kBlockSize;
     std::rotate(blocks_.begin(), blocks_.begin() + static_cast<std::ptrdiff_t>(gone),
                 blocks_.end());
+    FreeUnused();
+  }
+
+  // Removes all but the first `count` values, likewise.
+  void Truncate(std::size_t count) {
+    size_ = count;
+    FreeUnused();
+  }
+
+ private:
+  void FreeUnused() {
     const std::size_t used = (first_ + size_) / kBlockSize + 1;
     if (blocks_.size() > 2 * used) blocks_.resize(2 * used);
   }
 
- private:
   static constexpr std::size_t kBlockSize = 512;
 
   std::vector<std::unique_ptr<T[]>> blocks_;

@@ -46,7 +46,7 @@ class VoxelNumbers {
   }
 
   std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key, std::uint32_t hash) {
-    if (2 * (static_cast<std::size_t>(size_) + 1) > slots_.size()) Grow();
+    if (3 * (static_cast<std::size_t>(size_) + 1) > 2 * slots_.size()) Grow();
     Slot& slot = slots_[SlotOf(grid, key, hash)];
     if (!slot.IsFree()) return slot.number;
     if (size_ == Slot::kFree) throw std::bad_alloc();
@@ -123,9 +123,9 @@ class VoxelNumbers {
     std::uint32_t number : 26;
   };
 
-  // Returns the size of a table that is nearly half full.
+  // Returns the size of a table that is nearly as full as it may be.
   static std::size_t NumSlotsFor(std::size_t size) {
-    return std::max(kMinSlots, 9 * (size + 1) / 4);
+    return std::max(kMinSlots, 7 * (size + 1) / 4);
   }
 
   void Grow() { MoveTo(std::max(kMinSlots, 5 * slots_.size() / 4)); }
@@ -160,7 +160,7 @@ class VoxelNumbers {
     return SlotOf(slot.grid, key, HashOf(slot.grid, key));
   }
 
-  std::vector<Slot> slots_;  // at most half occupied
+  std::vector<Slot> slots_;  // at most two thirds occupied
   std::uint32_t size_ = 0;
 };
 

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "base/queue.hpp"
@@ -149,7 +150,7 @@ class LiveScene {
 
   // Scene.
   Stations stations_;
-  std::vector<Station> scenes_;  // (stations)
+  std::deque<Station> scenes_;  // (stations)
   bool is_warm_ = false;
   bool is_blinded_ = false;
   TimeNs learning_since_ns_ = 0;  // start of the youngest station, or the last surge

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "base/queue.hpp"
@@ -61,8 +62,8 @@ class MultiStationPlots {
   const RobustConfig& config_;
   Stations stations_;
   std::size_t num_sensors_;
-  std::vector<Station> scenes_;  // (stations)
-  Recording frame_;              // the one in progress alone
+  std::deque<Station> scenes_;  // (stations)
+  Recording frame_;             // the one in progress alone
   std::vector<Plot> plots_;
   Queue<BodyBox> bodies_;
   std::vector<char> are_bodies_;

@@ -91,17 +91,18 @@ template <class CountOf>
 std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins,
                                    Counted CountedTwice::*which, const CountOf& count_of) const {
   Counted* known = nullptr;
-  if (count_cache_ == CountCache::kPerVoxel) {
-    if (counted_.size() < places_.size()) counted_.resize(places_.size());
-    const std::uint32_t number = places_.NumberOf(point_m);
-    if (number != VoxelNumbers::kNone) known = &(counted_[number].*which);
-    if (known != nullptr && known->version == version_ && known->bins == bins) {
+  std::uint32_t voxel = VoxelNumbers::kNone;
+  if (count_cache_ == CountCache::kPerVoxel) voxel = places_.NumberOf(point_m);
+  if (voxel != VoxelNumbers::kNone) {
+    if (counted_.empty()) counted_.resize(kNumCounted);
+    known = &(counted_[voxel % kNumCounted].*which);
+    if (known->version == version_ && known->voxel == voxel && known->bins == bins) {
       return static_cast<std::uint32_t>(known->count);
     }
   }
   std::int32_t sum = 0;
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) { sum += count_of(profile); });
-  if (known != nullptr) *known = {version_, sum, bins};
+  if (known != nullptr) *known = {version_, voxel, sum, bins};
   return static_cast<std::uint32_t>(sum);
 }
 

@@ -26,7 +26,7 @@ struct BinRange {
 class RangeGrid {
  public:
   // kPerVoxel: of points of one voxel, counts after the first cost little where the bins are the
-  // same and nothing was added since. It takes memory, and pays where voxels are wide.
+  // same and nothing was added since. It pays where voxels are wide.
   enum class CountCache { kNone, kPerVoxel };
 
   explicit RangeGrid(RangeRadius radius, CountCache count_cache = CountCache::kNone)
@@ -65,9 +65,10 @@ class RangeGrid {
     BinCount latest;
   };
 
-  // The last count of the neighbourhood of a voxel.
+  // A count of the neighbourhood of a voxel.
   struct Counted {
     std::uint32_t version = 0;  // of the grid, for which it holds
+    std::uint32_t voxel = 0;
     std::int32_t count = 0;
     BinRange bins;
   };
@@ -77,6 +78,7 @@ class RangeGrid {
     Counted all;
     Counted some;
   };
+  static constexpr std::size_t kNumCounted = 2048;  // more voxels than a frame has strays
 
   template <class Visit>
   void VisitBins(const Profile& profile, const Visit& visit) const;
@@ -90,9 +92,9 @@ class RangeGrid {
   CountCache count_cache_;
   ShellTable<Profile> places_;
   std::uint32_t version_ = 1;                  // counts up with each change
-  mutable std::vector<CountedTwice> counted_;  // (voxels)
+  mutable std::vector<CountedTwice> counted_;  // by the number of the voxel modulo kNumCounted
   // All but the latest, of all voxels: a grid that forgets as much as it adds needs no memory.
-  std::vector<BinCount> bin_counts_;
+  BlockQueue<BinCount> bin_counts_;
   std::uint32_t free_ = kNone;  // first of those that are free, linked like the bins of a voxel
 };
 

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/block_queue.hpp"
 #include "base/recording.hpp"
 #include "base/voxel_blocks.hpp"
 #include "base/voxel_grid.hpp"
@@ -157,7 +158,7 @@ class ShellTable {
       ++kept;
     }
     if (kept == values_.size()) return;
-    values_.erase(values_.begin() + kept, values_.end());
+    values_.Truncate(kept);
     ++num_erasures_;
     numbers_.Renumber(moved_, kept);
     blocks_.Clear();
@@ -167,12 +168,12 @@ class ShellTable {
   // Calls visit(value) for all voxels, in order of creation.
   template <class Visit>
   void VisitAll(const Visit& visit) const {
-    for (const Value& value : values_) visit(value);
+    for (std::size_t i = 0; i < values_.size(); ++i) visit(values_[i]);
   }
 
   template <class Visit>
   void VisitAll(const Visit& visit) {
-    for (Value& value : values_) visit(value);
+    for (std::size_t i = 0; i < values_.size(); ++i) visit(values_[i]);
   }
 
  private:
@@ -280,7 +281,7 @@ class ShellTable {
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
   VoxelBlocks blocks_;
-  std::vector<Value> values_;         // by number
+  BlockQueue<Value> values_;          // by number
   std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
   std::vector<Touched> touched_;      // by a part of the points
   std::uint32_t num_erasures_ = 0;    // so far

@@ -38,5 +38,19 @@ TEST(BlockQueue, FindsTheFirstOfThoseThatAreNotBefore) {
   EXPECT_EQ(queue.front(), 700);
 }
 
+TEST(BlockQueue, KeepsWhatIsBeforeAnEnd) {
+  BlockQueue<int> queue;
+  for (int i = 0; i < 3'000; ++i) queue.push_back(i);
+  queue.DropFirst(100);
+  queue.Truncate(700);
+  ASSERT_EQ(queue.size(), 700U);
+  EXPECT_EQ(queue[699], 799);
+  queue[0] = -1;
+  queue.push_back(5);
+  EXPECT_EQ(queue.front(), -1);
+  EXPECT_EQ(queue[700], 5);
+  EXPECT_GE(queue.capacity(), queue.size());
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <iterator>
 #include <unordered_map>
-#include <utility>
 
 #include "base/voxel_grid.hpp"
 
@@ -82,7 +81,7 @@ class PathEnd {
         num_returns += 1.0F;
       }
       if (!returns.empty()) {
-        dwell.push_back(PlotOf(first->frame, std::move(returns)));
+        dwell.push_back(PlotOf(first->frame, returns));
         at_m += kSmoothing * (dwell.back().position_m.cast<float>() - at_m);
         time_ns = first->time_ns;
       }

@@ -108,9 +108,7 @@ void UpDirection::TestNext() {
       best_up_ = up;
     }
   }
-  if (step_++ < directions_.size()) return;
-  found_ = best_up_;
-  finish();
+  if (++step_ > directions_.size()) finish();
 }
 
 }  // namespace unlidar

@@ -32,8 +32,8 @@ class UpDirection {
   // Tests the remaining directions after the last frame.
   void Finish();
 
-  // Unit vector that points up; empty unless z was rejected.
-  const std::optional<Eigen::Vector3f>& found() const { return found_; }
+  // Unit vector that points up; empty unless z was rejected, which the last direction decides.
+  std::optional<Eigen::Vector3f> found() const { return IsDone() ? best_up_ : std::nullopt; }
 
  private:
   // Evidence that a direction is up.
@@ -54,11 +54,10 @@ class UpDirection {
   std::vector<Eigen::Vector3f> points_m_;    // relative to the sensor
   std::vector<Eigen::Vector3f> rotated_m_;
   Ground ground_;
-  std::optional<TimeNs> begin_ns_;  // time of the first frame with a return
-  std::size_t step_ = 0;            // 0: the floor is tested next; k: direction k - 1
-  double best_ground_ = 0.0;        // of another direction than z: at least what rejects z
-  std::optional<Eigen::Vector3f> best_up_;
-  std::optional<Eigen::Vector3f> found_;
+  std::optional<TimeNs> begin_ns_;          // time of the first frame with a return
+  std::size_t step_ = 0;                    // 0: the floor is tested next; k: direction k - 1
+  double best_ground_ = 0.0;                // of another direction than z: at least what rejects z
+  std::optional<Eigen::Vector3f> best_up_;  // so far; empty if none rejects z
 };
 
 }  // namespace unlidar

@@ -14,7 +14,7 @@ from unlidar.errors import InputError
 from unlidar.evaluation import WITHIN_M, Comparison
 
 from unlidar_bench.paired import mean_of_known
-from unlidar_bench.tables import Column, cell, markdown, percent
+from unlidar_bench.tables import Column, cell, digits, markdown, percent
 
 MODES = ("recording", "stream")
 IDENTITY = ("scene", "weather", "mode", "without")
@@ -33,7 +33,7 @@ MEASURES = (
     Column("once live", "once_live", percent),
     Column("NEES", "nees", "{:.2f}".format),
     Column("blinded, s", "blinded_s", "{:.0f}".format),
-    Column("CPU, s", "cpu_s", "{:.1f}".format),
+    Column("CPU, s", "cpu_s", digits),
     Column("MB", "memory_mb", "{:.0f}".format),
 )
 # Sums over the scenes in which nobody flies.

@@ -311,11 +311,8 @@ void TrackFollower::Forget() {
     if (moved[k] != kKept) continue;
     Node node = nodes_[k];
     if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
-    // Of a settled track the oldest node kept stands for one that was confirmed itself until the
-    // next detection: itself would be right, but was worse in rain (docs/notebook/speed.md).
-    if (settled_ == kNoIndex) moved[k] = static_cast<std::int32_t>(kept);
+    moved[k] = static_cast<std::int32_t>(kept);  // it may be confirmed itself
     node.confirmed = moved[static_cast<std::size_t>(std::max(settled_, node.confirmed))];
-    moved[k] = static_cast<std::int32_t>(kept);
     moved_plots[node.plot] = 0;
     nodes_[kept++] = node;
   }

@@ -129,5 +129,21 @@ TEST_F(RejoinTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
   }
 }
 
+// Nodes that lead nowhere are forgotten with each row that settles plots, of a track that is not
+// seen meanwhile, too.
+TEST_F(RejoinTest, ATrackKnowsWhenItWasLastSeenAfterItForgets) {
+  TrackFollower follower(flight_, models_, config_);
+  constexpr int kLast = 600;
+  std::vector<LivePlot> settled;
+  for (int i = 31; i <= kLast; ++i) {
+    const FollowedPlot followed = PlotAt(i, DroneM(i));
+    follower.Extend({followed.seen}, {1}, followed.at);
+  }
+  for (int until = kLast - 30; until <= kLast - 5; ++until) {
+    follower.Settle(PlotAt(until, DroneM(until)).seen.plot.frame_time_ns, &settled);
+    EXPECT_EQ(follower.last_evidence_ns(), PlotAt(kLast, DroneM(kLast)).seen.plot.time_ns) << until;
+  }
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -108,6 +108,7 @@ enum class Rule {
   kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
   kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
+  kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
   kOnStructure,      // gates: people and vehicles on bridges and roofs,
   kPause,            // [S] plots before a pause,

@@ -100,6 +100,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"local_clutter", Rule::kLocalClutter},
                        {"second_round", Rule::kSecondRound},
                        {"collection", Rule::kCollection},
+                       {"agility_change", Rule::kAgilityChange},
                        {"clutter_learning", Rule::kClutterLearning},
                        {"pause", Rule::kPause},
                        {"stationary", Rule::kStationary},

@@ -20,6 +20,9 @@ constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
 constexpr double kReacquisitionGain = 2.0;
 constexpr double kContinuationGain = -1.0;
 constexpr double kGateSigmas = 6.0;
+// Log of the probability that a target is of one other agility from a plot on: some minutes pass
+// until it is. Higher ones let strays behind a gap pass for a manoeuvre.
+constexpr double kAgilityChangeLog = -8.0;
 
 constexpr std::int32_t kKept = 0;  // mark of a node
 constexpr std::size_t kNoPlot = ~std::size_t{0};
@@ -32,6 +35,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       tracker_(config.tracker),
       collect_(config.collect),
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
+      allows_agility_change_(config.Uses(Rule::kAgilityChange)),
       max_hypotheses_(max_hypotheses),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       first_time_s_(flight.frame_times.front().time_s),
@@ -110,6 +114,26 @@ void TrackFollower::Associate(const std::vector<LivePlot>& plots,
       association = {p.score + gain.log, scratch_.predicted.size() - 1, gain};
     }
   }
+  if (allows_agility_change_) AllowAgilityChanges();
+}
+
+// Replaces associations by the best one of the same plot where a change of agility makes that
+// likelier: of a target that has flown calmly for long, the calmest model alone would be left.
+void TrackFollower::AllowAgilityChanges() {
+  const auto is_worse = [](const Association& a, const Association& b) {
+    return a.score < b.score;
+  };
+  const auto num_models = static_cast<std::ptrdiff_t>(models_->size());
+  std::vector<Association>& associations = scratch_.associations;
+  for (auto first = associations.begin(); first != associations.end(); first += num_models) {
+    Association changed = *std::max_element(first, first + num_models, is_worse);
+    if (!changed.exists()) continue;
+    changed.score += kAgilityChangeLog;
+    changed.gain.log += kAgilityChangeLog;
+    std::replace_if(
+        first, first + num_models,
+        [&](const Association& association) { return is_worse(association, changed); }, changed);
+  }
 }
 
 void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
@@ -133,6 +157,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       Node node = NodeAt(leaf);
       node.h = (*models_)[node.model].Update(node.h, motion, prediction, plots[i].plot, at,
                                              association.gain);
+      node.model = static_cast<std::uint32_t>(m);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
       if (!is_taken) {
         AddPlot(plots[i], at);

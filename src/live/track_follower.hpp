@@ -19,8 +19,9 @@ namespace unlidar {
 
 constexpr double kTrackFitS = 6.0;  // length of the fit before the settled plot
 
-// Association hypotheses that a track carries from frame to frame.
-constexpr std::size_t kMaxHypotheses = 24;
+// Association hypotheses that a track carries from frame to frame: most plots have one for each
+// agility.
+constexpr std::size_t kMaxHypotheses = 48;
 
 class TrackFollower {
  public:
@@ -108,6 +109,7 @@ class TrackFollower {
   void AddPlot(const LivePlot& seen, const FrameTime& at);
   void Associate(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
                  const FrameTime& at);
+  void AllowAgilityChanges();
   void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
   std::int32_t LikeliestEnd() const;  // of all paths
@@ -129,6 +131,7 @@ class TrackFollower {
   TrackerConfig tracker_;
   CollectConfig collect_;
   bool uses_frame_length_;
+  bool allows_agility_change_;
   std::size_t max_hypotheses_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -126,6 +127,35 @@ TEST_F(RejoinTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
   EXPECT_EQ(settled.size(), 31U + 20U);
   for (const LivePlot& seen : settled) {
     EXPECT_NE(seen.plot.position_m, kStrayM) << seen.time_s;
+  }
+}
+
+// The likeliest model of a long calm flight is the calmest one, which cannot follow a turn.
+TEST_F(RejoinTest, ACalmTargetMayTurn) {
+  for (const bool may_change : {true, false}) {
+    RobustConfig config;
+    if (!may_change) config.disabled_rules.push_back(Rule::kAgilityChange);
+    std::vector<TrackModel> models;
+    for (const double sigma_a_mps2 : config.tracker.sigma_a_mps2) {
+      models.emplace_back(sigma_a_mps2, scan_schedule_, config.tracker);
+    }
+    TrackFollower follower(flight_, models, config);
+    constexpr int kTurn = 600;
+    constexpr int kLast = 640;
+    const auto place_m = [](int i) -> Eigen::Vector3d {
+      if (i <= kTurn) return DroneM(i);
+      const double radius_m = 1.0;  // at 4 m/s: 16 m/s^2
+      const double angle = 4.0 * kPeriodS * (i - kTurn);
+      return DroneM(kTurn) +
+             radius_m * Eigen::Vector3d(1.0 - std::cos(angle), std::sin(angle), 0.0);
+    };
+    for (int i = 31; i <= kLast; ++i) {
+      FollowedPlot followed = PlotAt(i, place_m(i));
+      followed.seen.plot.variance_m2 = 0.005;
+      follower.Extend({followed.seen}, {1}, followed.at);
+    }
+    const TimeNs last_ns = PlotAt(kLast, place_m(kLast)).seen.plot.time_ns;
+    EXPECT_EQ(follower.last_evidence_ns() == last_ns, may_change);
   }
 }
 

@@ -1,4 +1,4 @@
-#include "live/rejoin.hpp"
+#include "live/track_follower.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "live/track_follower.hpp"
+#include "live/rejoin.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"
@@ -39,9 +39,9 @@ FollowedPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   return followed;
 }
 
-class RejoinTest : public ::testing::Test {
+class TrackFollowerTest : public ::testing::Test {
  protected:
-  RejoinTest() : scan_schedule_{{ScanSchedule::Sensor()}} {
+  TrackFollowerTest() : scan_schedule_{{ScanSchedule::Sensor()}} {
     scan_schedule_.sensors[0].frame_s = kPeriodS;
     models_.emplace_back(3.0, scan_schedule_, config_.tracker);
     for (int i = 0; i <= 30; ++i) Append(PlotAt(i, DroneM(i)));
@@ -82,17 +82,17 @@ class RejoinTest : public ::testing::Test {
   Hypothesis confirmed_;
 };
 
-TEST_F(RejoinTest, AStrayThatBridgedTheGapIsLeftOut) {
+TEST_F(TrackFollowerTest, AStrayThatBridgedTheGapIsLeftOut) {
   EXPECT_EQ(Kept({PlotAt(90, kStrayM), PlotAt(150, DroneM(150)), PlotAt(151, DroneM(151))}),
             (std::vector<std::size_t>{1, 2}));
 }
 
-TEST_F(RejoinTest, SightingsOnTheWayAreKept) {
+TEST_F(TrackFollowerTest, SightingsOnTheWayAreKept) {
   EXPECT_EQ(Kept({PlotAt(90, DroneM(90)), PlotAt(91, DroneM(91)), PlotAt(150, DroneM(150))}),
             (std::vector<std::size_t>{0, 1, 2}));
 }
 
-TEST_F(RejoinTest, NoOtherRunAloneLowersTheScoreOfTheWay) {
+TEST_F(TrackFollowerTest, NoOtherRunAloneLowersTheScoreOfTheWay) {
   Random random(4);
   for (int draw = 0; draw < 200; ++draw) {
     std::vector<FollowedPlot> plots;
@@ -114,7 +114,7 @@ TEST_F(RejoinTest, NoOtherRunAloneLowersTheScoreOfTheWay) {
 }
 
 // The follower's rows between both parts of the flight rest on its own plots alone.
-TEST_F(RejoinTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
+TEST_F(TrackFollowerTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
   TrackFollower follower(flight_, models_, config_);
   const auto extend = [&](int i, const Eigen::Vector3d& place_m) {
     const FollowedPlot followed = PlotAt(i, place_m);
@@ -131,7 +131,7 @@ TEST_F(RejoinTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
 }
 
 // The likeliest model of a long calm flight is the calmest one, which cannot follow a turn.
-TEST_F(RejoinTest, ACalmTargetMayTurn) {
+TEST_F(TrackFollowerTest, ACalmTargetMayTurn) {
   for (const bool may_change : {true, false}) {
     RobustConfig config;
     if (!may_change) config.disabled_rules.push_back(Rule::kAgilityChange);
@@ -161,7 +161,7 @@ TEST_F(RejoinTest, ACalmTargetMayTurn) {
 
 // Nodes that lead nowhere are forgotten with each row that settles plots, of a track that is not
 // seen meanwhile, too.
-TEST_F(RejoinTest, ATrackKnowsWhenItWasLastSeenAfterItForgets) {
+TEST_F(TrackFollowerTest, ATrackKnowsWhenItWasLastSeenAfterItForgets) {
   TrackFollower follower(flight_, models_, config_);
   constexpr int kLast = 600;
   std::vector<LivePlot> settled;

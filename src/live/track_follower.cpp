@@ -1,10 +1,9 @@
 #include "live/track_follower.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
-#include "base/algorithms.hpp"
+#include "base/recording.hpp"
 #include "live/rejoin.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"
@@ -23,9 +22,6 @@ constexpr double kGateSigmas = 6.0;
 // Log of the probability that a target is of one other agility from a plot on: some minutes pass
 // until it is. Higher ones let strays behind a gap pass for a manoeuvre.
 constexpr double kAgilityChangeLog = -8.0;
-
-constexpr std::int32_t kKept = 0;  // mark of a node
-constexpr std::size_t kNoPlot = ~std::size_t{0};
 
 }  // namespace
 
@@ -120,9 +116,7 @@ void TrackFollower::Associate(const std::vector<LivePlot>& plots,
 // Replaces associations by the best one of the same plot where a change of agility makes that
 // likelier: of a target that has flown calmly for long, the calmest model alone would be left.
 void TrackFollower::AllowAgilityChanges() {
-  const auto is_worse = [](const Association& a, const Association& b) {
-    return a.score < b.score;
-  };
+  const auto is_worse = By(&Association::score);
   const auto num_models = static_cast<std::ptrdiff_t>(models_->size());
   std::vector<Association>& associations = scratch_.associations;
   for (auto first = associations.begin(); first != associations.end(); first += num_models) {
@@ -253,107 +247,6 @@ TimeNs TrackFollower::last_tentative_ns() const {
   const Node& confirmed = NodeAt(ConfirmedAt(leaf));
   const bool is_unlikely = best.current_score < confirmed.h.score - kInitiationLog;
   return PlotOf(is_unlikely ? confirmed : best).plot.time_ns;
-}
-
-void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
-  std::int32_t at = NewestConfirmed();
-  while (at != kNoIndex) {
-    const Node& node = NodeAt(at);
-    if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
-    at = node.parent;
-  }
-  if (at == kNoIndex || at == settled_) return;
-  const auto first = static_cast<std::ptrdiff_t>(settled->size());
-  for (std::int32_t k = at; k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
-    settled->push_back(PlotOf(NodeAt(k)));
-    AddToTimings(NodeAt(k), &settled_timings_);
-  }
-  std::reverse(settled->begin() + first, settled->end());
-  settled_ = at;
-  // Deletes the hypotheses that do not pass through the settled node.
-  EraseIf(&leaves_, [&](std::int32_t leaf) {
-    std::int32_t k = leaf;
-    while (k != kNoIndex && k > settled_) {
-      k = NodeAt(k).parent;
-    }
-    return k != settled_;
-  });
-  // Spread of the returns across the ray and the motion, for the size of the body.
-  for (auto its = settled->begin() + first; its != settled->end(); ++its) {
-    const LivePlot& seen = *its;
-    const auto n = static_cast<double>(seen.plot.num_returns);
-    if (n < 2.0) continue;
-    const Eigen::Vector3d across =
-        seen.plot.ray_m.cross(NodeAt(at).h.state.mean.col(1)).stableNormalized();
-    if (across.squaredNorm() < 0.5) continue;
-    body_scatter_m2_ += across.dot(seen.scatter_m2.Full() * across);
-    body_count_ += n - 1.0;
-  }
-  body_sigma_m_ = std::sqrt(body_scatter_m2_ / body_count_);
-  Forget();
-}
-
-std::int32_t TrackFollower::LikeliestEnd() const {
-  const auto best =
-      std::max_element(nodes_.begin(), nodes_.end(),
-                       [](const Node& a, const Node& b) { return a.h.score < b.h.score; });
-  return static_cast<std::int32_t>(best - nodes_.begin());
-}
-
-void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
-  for (std::int32_t at = LikeliestEnd(); at != kNoIndex; at = NodeAt(at).parent) {
-    plots->push_back(PlotOf(NodeAt(at)));
-  }
-  std::reverse(plots->begin(), plots->end());
-}
-
-// Marks a leaf and its ancestors as kept, back to those that are settled and before `from_s`.
-void TrackFollower::MarkAncestors(std::int32_t leaf, double from_s) {
-  for (std::int32_t k = leaf; k != kNoIndex && scratch_.moved[static_cast<std::size_t>(k)] != kKept;
-       k = NodeAt(k).parent) {
-    if (k < settled_ && NodeAt(k).h.time_s < from_s) return;
-    scratch_.moved[static_cast<std::size_t>(k)] = kKept;
-  }
-}
-
-// Deletes the nodes that no leaf descends from, with their plots, and those older than the fit
-// needs: among strays nearly all lead nowhere. The likeliest path may end at any node until nodes
-// are settled.
-void TrackFollower::Forget() {
-  constexpr std::size_t kMinNodesToCompact = 512;
-  if (nodes_.size() < kMinNodesToCompact) return;
-  const double from_s = settled_ == kNoIndex ? 0.0 : NodeAt(settled_).h.time_s - kTrackFitS;
-  std::vector<std::int32_t>& moved = scratch_.moved;
-  moved.reserve(nodes_.capacity());
-  moved.assign(nodes_.size(), kNoIndex);
-  for (const std::int32_t leaf : leaves_) MarkAncestors(leaf, from_s);
-  if (settled_ == kNoIndex) MarkAncestors(LikeliestEnd(), from_s);
-  std::vector<std::size_t>& moved_plots = scratch_.moved_plots;
-  moved_plots.reserve(plots_.capacity());
-  moved_plots.assign(plots_.size(), kNoPlot);
-  std::size_t kept = 0;
-  for (std::size_t k = 0; k < nodes_.size(); ++k) {
-    if (moved[k] != kKept) continue;
-    Node node = nodes_[k];
-    if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
-    moved[k] = static_cast<std::int32_t>(kept);  // it may be confirmed itself
-    node.confirmed = moved[static_cast<std::size_t>(std::max(settled_, node.confirmed))];
-    moved_plots[node.plot] = 0;
-    nodes_[kept++] = node;
-  }
-  nodes_.resize(kept);
-  num_kept_nodes_ = kept;
-  for (std::int32_t& leaf : leaves_) leaf = moved[static_cast<std::size_t>(leaf)];
-  if (settled_ != kNoIndex) settled_ = moved[static_cast<std::size_t>(settled_)];
-  std::size_t num_plots = 0;
-  for (std::size_t i = 0; i < plots_.size(); ++i) {
-    if (moved_plots[i] == kNoPlot) continue;
-    if (num_plots != i) plots_[num_plots] = std::move(plots_[i]);
-    moved_plots[i] = num_plots++;
-  }
-  plots_.resize(num_plots);
-  for (Node& node : nodes_) node.plot = moved_plots[node.plot];
-  frame_times_.Forget(plots_.front().plot.frame);
 }
 
 }  // namespace unlidar

@@ -11,6 +11,9 @@ namespace unlidar {
 namespace {
 
 constexpr std::size_t kElevationReturns = 100'000;
+// Rays so far above the bottom of a column may still pass below a car, or end at its wheels as if
+// at the ground, whose height is known no better.
+constexpr double kFootM = 0.1;
 
 // True if only strays make the place of a return look like structure.
 bool IsAmongDenseStrays(const Occupancy::Verdict& verdict) {
@@ -132,7 +135,8 @@ void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const
                           to_carrier * (plot->ray_m + high_m * Eigen::Vector3d::UnitZ()));
   };
   const double own = share_between(-kBodyPartM / 2, kBodyPartM / 2);
-  const double below = share_between(-plot->column_m, -kBelowPlotM);
+  const double low_m = kFootM - plot->column_m;
+  const double below = low_m < -kBelowPlotM ? share_between(low_m, -kBelowPlotM) : 0.0;
   plot->watched_below = static_cast<float>(below < own ? below / own : (below > 0.0 ? 1.0 : 0.0));
 }
 

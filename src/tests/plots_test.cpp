@@ -219,9 +219,10 @@ TEST(Plots, CountWhatIsBelowThem) {
 }
 
 // The top of a car 20 m away, 1.2 m above the ground, on one of the cones that spinning beams
-// sweep.
+// sweep. The next one is 0.1 degrees below it, or 0.28 m above the ground there, as of rays below
+// a car, or meets the ground before it.
 TEST(Plots, SayWhetherAnyBeamLooksBelowThem) {
-  for (const double step_deg : {0.1, 4.0}) {
+  for (const double step_deg : {0.1, 2.63, 4.0}) {
     RecordingMaker maker(1);
     for (int i = 0; i < 60; ++i) {
       maker.BeginFrame(i * kPeriodS);

@@ -106,8 +106,12 @@ class LiveSearch {
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
   PathScorer ScorerOf(const std::vector<std::uint32_t>& members, TimeOutOfView time_out_of_view);
-  std::vector<std::size_t> AfterLongPauses(const std::vector<std::uint32_t>& members) const;
+  std::vector<std::size_t> AfterPauses(const std::vector<std::uint32_t>& members,
+                                       double least_s) const;
   std::size_t NumBeforePause(const Path& path);
+  std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& members) const;
+  Rejection FlightRejectionOf(const std::vector<std::uint32_t>& members);
+  bool IsNoDrone(const std::vector<std::uint32_t>& members);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);
   bool IsCrowded() const;

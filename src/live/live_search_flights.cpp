@@ -15,7 +15,9 @@
 namespace unlidar {
 namespace {
 
-// Across a gap of this length a path is within reach of strays of seconds before.
+// Across a pause of this length a path is within reach of people and cars, and across a long one of
+// strays of seconds before.
+constexpr double kPauseS = 1.0;
 constexpr double kLongPauseS = 3.0;
 
 // A verdict stands until a path has grown by this share of its plots. A flight that goes on from a
@@ -87,33 +89,61 @@ const Path& LiveSearch::Pruned(const Path& path) {
   return pruned_;
 }
 
-// Numbers of the first plots after each long pause.
-std::vector<std::size_t> LiveSearch::AfterLongPauses(
-    const std::vector<std::uint32_t>& members) const {
+// Numbers of the first plots after each pause of at least so long.
+std::vector<std::size_t> LiveSearch::AfterPauses(const std::vector<std::uint32_t>& members,
+                                                 double least_s) const {
   std::vector<std::size_t> after_pauses;
   for (std::size_t i = 1; i < members.size(); ++i) {
     const double before_s = recent_plots_[members[i - 1]].time_s;
-    if (recent_plots_[members[i]].time_s - before_s >= kLongPauseS) after_pauses.push_back(i);
+    if (recent_plots_[members[i]].time_s - before_s >= least_s) after_pauses.push_back(i);
   }
   return after_pauses;
 }
 
-// Number of plots before the last long pause across which a path is not one target, as paths of a
-// recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
-// though they explain themselves as well without what comes after it.
+// Number of plots before the last pause across which a path is not one target, as paths of a
+// recording join. A higher score is not enough for that: a few strays before a long pause raise it,
+// too, though they explain themselves as well without what comes after it. Before a shorter one
+// must be a path by itself that is no drone.
 std::size_t LiveSearch::NumBeforePause(const Path& path) {
-  const std::vector<std::size_t> after_pauses = AfterLongPauses(path.plots);
-  if (after_pauses.empty() || !config_.robust.Uses(Rule::kPause)) return 0;
-  const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kLogUniform);
+  if (!config_.robust.Uses(Rule::kPause)) return 0;
   std::size_t first = 0;
   Path rest;
   rest.plots = AllOf(path);
-  for (const std::size_t i : after_pauses) {
+  for (const std::size_t i : AfterPauses(path.plots, kPauseS)) {
+    const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kLogUniform);
     if (IsOneTarget(scorer, rest, i - first)) continue;
+    const double pause_s =
+        recent_plots_[path.plots[i]].time_s - recent_plots_[path.plots[i - 1]].time_s;
+    const std::vector<std::uint32_t> before(path.plots.begin() + static_cast<std::ptrdiff_t>(first),
+                                            path.plots.begin() + static_cast<std::ptrdiff_t>(i));
+    if (pause_s < kLongPauseS && !IsNoDrone(before)) continue;
     DropFirst(i - first, &rest.plots);
     first = i;
   }
   return first;
+}
+
+std::vector<Plot> LiveSearch::PlotsOf(const std::vector<std::uint32_t>& members) const {
+  std::vector<Plot> plots;
+  for (const std::uint32_t i : members) plots.push_back(recent_plots_[i].plot);
+  return plots;
+}
+
+// Returns the rule that refuses these recent plots as a flight.
+Rejection LiveSearch::FlightRejectionOf(const std::vector<std::uint32_t>& members) {
+  const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
+    return ScorerOf(members, TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
+  };
+  return FlightRejection(recent_, PlotsOf(members), recent_bodies_, reaches_threshold,
+                         config_.robust);
+}
+
+// True if these plots are a path by themselves, but no drone.
+bool LiveSearch::IsNoDrone(const std::vector<std::uint32_t>& members) {
+  const Path path = ScorerOf(members, TimeOutOfView::kNone).WithScore(AllOf({members, 0.0}));
+  if (path.score < score_threshold_) return false;
+  const Rejection rejection = FlightRejectionOf(members);
+  return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections;
 }
 
 // The flight of these recent plots.
@@ -130,25 +160,17 @@ Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
 Rejection LiveSearch::Judge(const Path& path) {
   cuts_.clear();
   flight_members_ = path.plots;
-  flight_plots_.clear();
   if (!IsFree(path)) return Rejection::kSharesReturns;
-  for (const std::uint32_t i : path.plots) flight_plots_.push_back(recent_plots_[i].plot);
-  const RobustConfig& robust = config_.robust;
   const std::size_t num_before = NumBeforePause(path);
   if (num_before > 0) {
     cuts_.push_back({Rejection::kPause, num_before});
     DropFirst(num_before, &flight_members_);
-    DropFirst(num_before, &flight_plots_);
   }
-  const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
-    return ScorerOf(flight_members_, TimeOutOfView::kNone).WithScore(numbers).score >=
-           score_threshold_;
-  };
-  const Rejection rejection =
-      FlightRejection(recent_, flight_plots_, recent_bodies_, reaches_threshold, robust);
+  const Rejection rejection = FlightRejectionOf(flight_members_);
   if (rejection != Rejection::kNone) return rejection;
+  flight_plots_ = PlotsOf(flight_members_);
   flight_ = FlightOf(flight_members_);
-  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
+  if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
     return Rejection::kStationary;
   }
   return Rejection::kNone;
@@ -216,7 +238,7 @@ Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
 // another's plots: it is followed back from behind it, too.
 Flight LiveSearch::WithHistory() {
   Path whole = FollowedBack(flight_members_);
-  const std::vector<std::size_t> after_pauses = AfterLongPauses(flight_members_);
+  const std::vector<std::size_t> after_pauses = AfterPauses(flight_members_, kLongPauseS);
   if (!after_pauses.empty()) {
     std::vector<std::uint32_t> last_run = flight_members_;
     DropFirst(after_pauses.back(), &last_run);

@@ -173,16 +173,20 @@ TEST(LiveSearch, EachGateIsReachedAndNamed) {
   EXPECT_EQ(RejectionsOf(Without(Rule::kStationary), 50.0, 0.0), Names{Rejection::kNone});
 }
 
-// Numbers of plots cut off a path of two parts: `num_before` plots of a flight that goes on
-// `aside_m` from its way after a pause.
+constexpr double kFlyingM = 50.0;
+constexpr double kWalkingM = 0.6;
+
+// Numbers of plots cut off a path of two parts: `num_before` plots at a height above the ground,
+// and a flight that goes on `aside_m` from their way after a pause.
 std::vector<std::size_t> CutsOf(int num_before, double pause_s, double aside_m,
-                                const Config& config = Config()) {
+                                const Config& config = Config(), double height_m = kFlyingM) {
   Plots plots(config);
   Path path;
   const int pause = static_cast<int>(pause_s / testing::kPeriodS);
   for (int i = 0; i < num_before + pause + 20; ++i) {
     if (i >= num_before && i < num_before + pause) continue;
-    plots.Add(i, {3.0 * testing::MiddleS(i) - 10.0, i < num_before ? 0.0 : aside_m, kRangeM});
+    plots.Add(i, {3.0 * testing::MiddleS(i) - 10.0, i < num_before ? 0.0 : aside_m, kRangeM},
+              i < num_before ? height_m : kFlyingM);
     path.plots.push_back(static_cast<std::uint32_t>(path.plots.size()));
   }
   EXPECT_EQ(plots.search().Judge(path), Rejection::kNone);
@@ -207,6 +211,20 @@ TEST(LiveSearch, BeforeALongPauseAFlightKeepsWhatOneTargetExplains) {
     EXPECT_EQ(CutsOf(count, 2.0, 60.0), Cuts{}) << num_before;
     EXPECT_EQ(CutsOf(count, 6.0, 60.0, Without(Rule::kPause)), Cuts{}) << num_before;
   }
+}
+
+// What walks or drives before a pause is not the drone that is seen behind it, where one target is
+// less likely than two. Of a few plots nobody knows.
+TEST(LiveSearch, BeforeAPauseAFlightLosesWhatIsNoDrone) {
+  using Cuts = std::vector<std::size_t>;
+  const auto cuts_of = [](int num_before, double pause_s, double aside_m, double height_m) {
+    return CutsOf(num_before, pause_s, aside_m, Config(), height_m);
+  };
+  EXPECT_EQ(cuts_of(20, 2.0, 60.0, kWalkingM), Cuts{20});
+  EXPECT_EQ(cuts_of(20, 2.0, 60.0, kFlyingM), Cuts{});
+  EXPECT_EQ(cuts_of(20, 2.0, 0.0, kWalkingM), Cuts{});
+  EXPECT_EQ(cuts_of(20, 0.8, 60.0, kWalkingM), Cuts{});
+  EXPECT_EQ(cuts_of(4, 2.0, 60.0, kWalkingM), Cuts{});
 }
 
 // The rule that refuses a path of `num_low` plots on the ground and `num_high` above it.

@@ -74,8 +74,8 @@ RULES = {
 }
 GATES = {
     "pause": Meaning(
-        "A path of a stream goes on after a pause of three seconds, over which it may reach back "
-        "to strays: what precedes the pause is cut off.",
+        "A path of a stream goes on after a pause, over which it may reach back to strays, a car "
+        "or a walker: what precedes the pause is cut off.",
         ("robust.disabled_rules",),
         "live.md#why-was-it-lost",
     ),

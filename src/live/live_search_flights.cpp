@@ -125,6 +125,7 @@ std::size_t LiveSearch::NumBeforePause(const Path& path) {
 
 std::vector<Plot> LiveSearch::PlotsOf(const std::vector<std::uint32_t>& members) const {
   std::vector<Plot> plots;
+  plots.reserve(members.size());
   for (const std::uint32_t i : members) plots.push_back(recent_plots_[i].plot);
   return plots;
 }

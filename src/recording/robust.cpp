@@ -188,24 +188,40 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     return bins.NumFrames(plot.sensor,
                           bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
   };
-  const auto verdicts_of = [&](const std::vector<Path>& paths) {
+  // Judges the paths, and cuts off from them what is no drone.
+  const auto verdicts_of = [&](std::vector<Path>* paths) {
     std::vector<PathVerdict> verdicts;
     std::vector<char> are_free(plots.size(), 1);
     const std::vector<double> log_births = LogBirths(plots, scan_schedule, config.tracker);
     const PathScorer scorer(plots, log_births, scan_schedule, config.tracker);
-    for (const Path& path : paths) {
+    const PathScorer judge(plots, log_births, scan_schedule, config.tracker,
+                           TimeOutOfView::kLogUniform);
+    const auto rejection_of = [&](const Path& path) {
+      const auto reaches_threshold = [&](std::vector<std::uint32_t> numbers) {
+        for (std::uint32_t& i : numbers) i = path.plots[i];
+        return scorer.WithScore(std::move(numbers)).score >= threshold;
+      };
+      return FlightRejection(recording, PlotsOf(path, plots), multi_station_plots.bodies(),
+                             reaches_threshold, config);
+    };
+    const auto is_no_drone = [&](const Path& path) {
+      const Rejection rejection = rejection_of(path);
+      return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections &&
+             scorer.WithScore(path.plots).score >= threshold;
+    };
+    for (Path& path : *paths) {
       PathVerdict& verdict = verdicts.emplace_back();
       if (path.score < threshold) {
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      const auto reaches_threshold = [&](std::vector<std::uint32_t> numbers) {
-        for (std::uint32_t& i : numbers) i = path.plots[i];
-        return scorer.WithScore(std::move(numbers)).score >= threshold;
-      };
-      verdict.rejection = FlightRejection(recording, PlotsOf(path, plots),
-                                          multi_station_plots.bodies(), reaches_threshold, config);
+      verdict.rejection = rejection_of(path);
       if (verdict.rejection != Rejection::kNone) continue;
+      if (config.Uses(Rule::kPause) && CutNoDrones(judge, is_no_drone, &path)) {
+        verdict.rejection =
+            path.score < threshold ? Rejection::kBelowThreshold : rejection_of(path);
+        if (verdict.rejection != Rejection::kNone) continue;
+      }
       if (config.Uses(Rule::kCrowded)) {
         verdict.crowding_penalty = CrowdingPenalty(path.plots, plots, are_free, num_frames_about);
       }
@@ -229,7 +245,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   // Returns true if any path is a target, whose plots are then assigned.
   const auto decide_on = [&](std::vector<Path> found) {
     paths = std::move(found);
-    verdicts = verdicts_of(paths);
+    verdicts = verdicts_of(&paths);
     bool has_target = false;
     for (std::size_t k = 0; k < paths.size(); ++k) {
       if (verdicts[k].rejection != Rejection::kNone) continue;

@@ -146,6 +146,43 @@ TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
   }
 }
 
+// A walker and then a drone, or a drone and then a walker, two seconds apart: only the drone stays.
+// What is one target keeps both, and so does what is no drone on either side.
+TEST(CutNoDrones, LeavesTheDroneOfAPathThatCameFromAWalker) {
+  const TrackerConfig config;
+  for (const double aside_m : {0.0, 60.0}) {
+    Random random(3);
+    std::vector<Plot> plots;
+    AddFlight([&](double t) { return Eigen::Vector3d(3.0 * t, t < 4.0 ? 0.0 : aside_m, 50.0); },
+              120, 0.35, -9.0, &random, &plots);
+    const auto is_in_pause = [](const Plot& plot) { return plot.frame >= 30 && plot.frame < 50; };
+    plots.erase(std::remove_if(plots.begin(), plots.end(), is_in_pause), plots.end());
+    const ScanSchedule scan_schedule = WatchOver(plots);
+    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+    const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);
+    std::vector<std::uint32_t> all(plots.size());
+    std::iota(all.begin(), all.end(), 0U);
+    const auto middle = all.begin() + std::count_if(plots.begin(), plots.end(),
+                                                    [](const Plot& p) { return p.frame < 30; });
+    const std::vector<std::uint32_t> before(all.begin(), middle);
+    const std::vector<std::uint32_t> after(middle, all.end());
+    const auto left_of = [&](bool walks_before, bool walks_after) {
+      Path path = scorer.WithScore(all);
+      const auto is_no_drone = [&](const Path& part) {
+        return part.plots.front() == 0 ? walks_before : walks_after;
+      };
+      const bool is_cut = CutNoDrones(scorer, is_no_drone, &path);
+      EXPECT_EQ(is_cut, path.plots != all);
+      EXPECT_EQ(path.score, scorer.WithScore(path.plots).score);
+      return path.plots;
+    };
+    EXPECT_EQ(left_of(true, false), aside_m > 0.0 ? after : all);
+    EXPECT_EQ(left_of(false, true), aside_m > 0.0 ? before : all);
+    EXPECT_EQ(left_of(true, true), all);
+    EXPECT_EQ(left_of(false, false), all);
+  }
+}
+
 // Scores drawn for each set of plots: the best of all stretches that begin and end at a pause or at
 // an end of the path, of at most six plots. Single runs have no pause within, several keep the last
 // plot.

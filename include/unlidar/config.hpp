@@ -111,7 +111,7 @@ enum class Rule {
   kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
   kOnStructure,      // gates: people and vehicles on bridges and roofs,
-  kPause,            // [S] plots before a pause,
+  kPause,            // plots beside a pause that are another target's,
   kStationary,       // objects at rest: [S] supported ones, those that the sensor passes,
   kSurge,            // [S] plots while the clutter changes,
   kSuspended,        // suspended objects,

@@ -20,7 +20,7 @@ enum class Rejection {
 
   // Paths, in the order in which the gates apply.
   kBelowThreshold,    // track score test at the allowed false alarms (Ville); false_alarms_per_*
-  kPause,             // [S] plots before a gap are another target's; rule pause, [R] as well
+  kPause,             // plots beside a gap are another target's; named in streams; rule pause
   kTooFewDetections,  // M of N: repeated clutter is not independent evidence; robust.min_plots
   kNearGround,        // people and vehicles move as targets do; robust.off_ground_m, _share
   kOnStructure,       // the same on bridges and roofs; rule on_structure

@@ -15,9 +15,7 @@
 namespace unlidar {
 namespace {
 
-// Across a pause of this length a path is within reach of people and cars, and across a long one of
-// strays of seconds before.
-constexpr double kPauseS = 1.0;
+// Across a pause of this length a path is within reach of strays of seconds before.
 constexpr double kLongPauseS = 3.0;
 
 // A verdict stands until a path has grown by this share of its plots. A flight that goes on from a
@@ -109,7 +107,7 @@ std::size_t LiveSearch::NumBeforePause(const Path& path) {
   std::size_t first = 0;
   Path rest;
   rest.plots = AllOf(path);
-  for (const std::size_t i : AfterPauses(path.plots, kPauseS)) {
+  for (const std::size_t i : AfterPauses(path.plots, SecondsOf(kBodyPauseNs))) {
     const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kLogUniform);
     if (IsOneTarget(scorer, rest, i - first)) continue;
     const double pause_s =
@@ -143,8 +141,7 @@ Rejection LiveSearch::FlightRejectionOf(const std::vector<std::uint32_t>& member
 bool LiveSearch::IsNoDrone(const std::vector<std::uint32_t>& members) {
   const Path path = ScorerOf(members, TimeOutOfView::kNone).WithScore(AllOf({members, 0.0}));
   if (path.score < score_threshold_) return false;
-  const Rejection rejection = FlightRejectionOf(members);
-  return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections;
+  return TellsNoDrone(FlightRejectionOf(members));
 }
 
 // The flight of these recent plots.

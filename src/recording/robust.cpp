@@ -205,9 +205,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                              reaches_threshold, config);
     };
     const auto is_no_drone = [&](const Path& path) {
-      const Rejection rejection = rejection_of(path);
-      return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections &&
-             scorer.WithScore(path.plots).score >= threshold;
+      return TellsNoDrone(rejection_of(path)) && scorer.WithScore(path.plots).score >= threshold;
     };
     for (Path& path : *paths) {
       PathVerdict& verdict = verdicts.emplace_back();

@@ -121,17 +121,24 @@ TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   EXPECT_EQ(path.score, 20.0);
 }
 
+// Plots of a flight that is seen in a third of the frames and goes on `aside_m` from its way after
+// frames 30 to 49, a pause.
+std::vector<Plot> PlotsBesideAPause(double aside_m) {
+  Random random(3);
+  std::vector<Plot> plots;
+  AddFlight([&](double t) { return Eigen::Vector3d(3.0 * t, t < 4.0 ? 0.0 : aside_m, 50.0); }, 120,
+            0.35, -9.0, &random, &plots);
+  const auto is_in_pause = [](const Plot& plot) { return plot.frame >= 30 && plot.frame < 50; };
+  plots.erase(std::remove_if(plots.begin(), plots.end(), is_in_pause), plots.end());
+  return plots;
+}
+
 // Two parts of a flight that is seen in a third of the frames, with a pause of two seconds between
 // them, are one target's, those of two flights are not, nor what hardly tells of any target.
 TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
   const TrackerConfig config;
   for (const double aside_m : {0.0, 60.0}) {
-    Random random(3);
-    std::vector<Plot> plots;
-    AddFlight([&](double t) { return Eigen::Vector3d(3.0 * t, t < 4.0 ? 0.0 : aside_m, 50.0); },
-              120, 0.35, -9.0, &random, &plots);
-    const auto is_in_pause = [](const Plot& plot) { return plot.frame >= 30 && plot.frame < 50; };
-    plots.erase(std::remove_if(plots.begin(), plots.end(), is_in_pause), plots.end());
+    const std::vector<Plot> plots = PlotsBesideAPause(aside_m);
     const ScanSchedule scan_schedule = WatchOver(plots);
     const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
     const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);
@@ -151,12 +158,7 @@ TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
 TEST(CutNoDrones, LeavesTheDroneOfAPathThatCameFromAWalker) {
   const TrackerConfig config;
   for (const double aside_m : {0.0, 60.0}) {
-    Random random(3);
-    std::vector<Plot> plots;
-    AddFlight([&](double t) { return Eigen::Vector3d(3.0 * t, t < 4.0 ? 0.0 : aside_m, 50.0); },
-              120, 0.35, -9.0, &random, &plots);
-    const auto is_in_pause = [](const Plot& plot) { return plot.frame >= 30 && plot.frame < 50; };
-    plots.erase(std::remove_if(plots.begin(), plots.end(), is_in_pause), plots.end());
+    const std::vector<Plot> plots = PlotsBesideAPause(aside_m);
     const ScanSchedule scan_schedule = WatchOver(plots);
     const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
     const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);

@@ -44,4 +44,9 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config);
 
+// True if FlightRejection() knows that a path is no drone: few detections say nothing.
+inline bool TellsNoDrone(Rejection rejection) {
+  return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections;
+}
+
 }  // namespace unlidar

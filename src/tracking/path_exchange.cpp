@@ -261,11 +261,10 @@ bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_bef
 
 bool CutNoDrones(const PathScorer& scorer, const std::function<bool(const Path&)>& is_no_drone,
                  Path* path) {
-  constexpr TimeNs kPauseNs = 1'000'000'000;
   bool is_cut = false;
   for (std::size_t k = 1; k < path->plots.size(); ++k) {
     const auto time_ns = [&](std::size_t i) { return scorer.plots()[path->plots[i]].time_ns; };
-    if (time_ns(k) - time_ns(k - 1) < kPauseNs) continue;
+    if (time_ns(k) - time_ns(k - 1) < kBodyPauseNs) continue;
     const auto middle = path->plots.begin() + static_cast<std::ptrdiff_t>(k);
     Path before{{path->plots.begin(), middle}, 0.0};
     Path after{{middle, path->plots.end()}, 0.0};

@@ -100,9 +100,12 @@ bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path);
 // are of two, or either of none, as where paths join: method.md (8).
 bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before);
 
-// Cuts off from a path, at pauses of a second or more across which it is not one target, what is no
-// drone while the other side may be one: a car or a walker that a drone passes. Returns true if the
-// path changed.
+// Across a pause of this length a path is within reach of people and cars.
+constexpr TimeNs kBodyPauseNs = 1'000'000'000;
+
+// Cuts off from a path, at pauses of kBodyPauseNs or more across which it is not one target, what
+// is no drone while the other side may be one: a car or a walker that a drone passes. Returns true
+// if the path changed.
 bool CutNoDrones(const PathScorer& scorer, const std::function<bool(const Path&)>& is_no_drone,
                  Path* path);
 

@@ -122,7 +122,7 @@ class PacketSource : public LiveSource {
     NoteRecordingFailure();
     for (auto& [identity, lidar] : lidars_.lidars()) {
       lidar.cutter.Flush();
-      TakeFrames(lidar, ArrivalAt(lidar.arrived), Clock::now());
+      TakeFrames(lidar, Clock::now());
     }
   }
 
@@ -155,7 +155,7 @@ class PacketSource : public LiveSource {
     if (recorder_) recorder_->Add(*datagram);
     try {
       LivoxLidar* const lidar = lidars_.Take(*datagram);
-      if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->arrived);
+      if (lidar != nullptr) TakeFrames(*lidar, datagram->arrived);
     } catch (const PacketError& error) {
       ++refused_packets_;
       reporter_.NoteCount(
@@ -192,14 +192,16 @@ class PacketSource : public LiveSource {
   }
 
   // `arrived`: the packet that completed them.
-  void TakeFrames(LivoxLidar& lidar, const Arrival& arrival, Clock::time_point arrived) {
+  void TakeFrames(LivoxLidar& lidar, Clock::time_point arrived) {
     while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
       const std::size_t sensor = SensorOf(lidar);
       ReportClock(lidar);
-      if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - arrived, arrival)) continue;
+      if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - arrived, frame->arrival)) {
+        continue;
+      }
       intake_.Add(sensor, frame->stamp_ns,
                   "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
-                  std::move(frame->cloud), arrival);
+                  std::move(frame->cloud), frame->arrival);
     }
     ReportClock(lidar);
     const LivoxCounts& counts = lidar.cutter.counts();

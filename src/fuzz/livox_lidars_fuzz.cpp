@@ -95,9 +95,8 @@ class Station {
       ++frames_;
       if (is_own) ++own_frames_;
       const std::uint64_t late = engine_.late_frames();
-      const Arrival arrival{host_ns_, host_ns_};
       const bool is_good = Succeeds([&] {
-        engine_.Add({sensor, frame->stamp_ns, "frame", std::move(frame->cloud), arrival});
+        engine_.Add({sensor, frame->stamp_ns, "frame", std::move(frame->cloud), frame->arrival});
       });
       if (!is_good) ++bad_frames_;
       const bool is_taken =

@@ -57,6 +57,7 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
   open.points += packet.points.size();
   const std::size_t bytes = kPartBytes + packet.points.size() * sizeof(LivoxPoint);
   open.bytes += bytes;
+  open.arrival = arrival;
   unfinished_bytes_ += bytes;
   open.parts.emplace(order, Part{packet.rays, packet.span_ns, packet.points});
   ++counts_.used;
@@ -134,6 +135,7 @@ void LivoxFrameCutter::Close(std::int64_t index, const OpenFrame& frame) {
 
   LivoxFrame over;
   over.stamp_ns = index * frame_ns_;
+  over.arrival = frame.arrival;
   over.cloud.time_kind = PcdTimeKind::kInteger;
   over.cloud.points_m.reserve(frame.points);
   over.cloud.integer_times.reserve(frame.points);

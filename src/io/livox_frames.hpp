@@ -20,6 +20,7 @@ namespace unlidar {
 struct LivoxFrame {
   TimeNs stamp_ns = 0;  // start of the frame
   PcdCloud cloud;       // times in nanoseconds from the stamp
+  Arrival arrival;      // of the packet of the frame that arrived last
 };
 
 // Every point packet is counted in one of the first five; `lost` ones never arrived.
@@ -72,6 +73,7 @@ class LivoxFrameCutter {
     std::map<Order, Part> parts;
     std::size_t points = 0;
     std::size_t bytes = 0;
+    Arrival arrival;
   };
 
   std::int64_t NextFrame() const;

@@ -211,6 +211,30 @@ TEST(LivoxFrames, AreNotKeptOpenByPacketsOfOthers) {
   }
 }
 
+// A frame that ends after a pause, or with the stream, is no witness of this computer's time then.
+TEST(LivoxFrames, ArriveWithTheirLastPackets) {
+  constexpr TimeNs kPause = 3600'000'000'000;
+  LivoxFrameCutter cutter(kFrame);
+  std::vector<TimeNs> last_ns;  // by frame
+  const auto add = [&](const LivoxPacket& packet, TimeNs arrived_ns) {
+    last_ns.resize(
+        static_cast<std::size_t>(packet.stamp_ns / kFrame - Packet(0).stamp_ns / kFrame) + 1);
+    last_ns.back() = arrived_ns;
+    cutter.Add(packet, {kHost + arrived_ns, arrived_ns});
+  };
+  for (int k = 0; k < 500; ++k) add(Packet(k), k);
+  add(Packet(500), kPause);
+  for (int k = 501; k < 1000; ++k) add(Packet(k), kPause + k);
+  cutter.Flush();
+  std::size_t i = 0;
+  while (const auto frame = cutter.Next()) {
+    ASSERT_LT(i, last_ns.size());
+    EXPECT_EQ(frame->arrival.steady_ns, last_ns[i]);
+    EXPECT_EQ(frame->arrival.unix_ns, kHost + last_ns[i++]);
+  }
+  EXPECT_EQ(i, last_ns.size());
+}
+
 TEST(LivoxFrames, GoOnAfterTheClockWasSet) {
   for (const TimeNs step_ns : {-3600'000'000'000L, 3600'000'000'000L}) {
     std::vector<LivoxPacket> packets = Packets(600);

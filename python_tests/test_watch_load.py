@@ -156,7 +156,7 @@ def test_a_page_that_never_reads_is_cut_off_and_its_place_is_free(server, hasty)
         return not server.serving._server.server_state.connections
 
     wait_until(is_gone, "its connection is closed")
-    assert not server.pages._queues | server.pages._new
+    wait_until(lambda: server.pages.count == 0, "its place is free")
     assert server.get("/")[0] == 200
     deaf.close()
 

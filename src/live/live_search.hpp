@@ -104,14 +104,13 @@ class LiveSearch {
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
-  bool IsFree(const Path& path) const;  // no track has one of its plots
-  PathScorer ScorerOf(const std::vector<std::uint32_t>& members, TimeOutOfView time_out_of_view);
-  std::vector<std::size_t> AfterPauses(const std::vector<std::uint32_t>& members,
-                                       double least_s) const;
-  std::size_t NumBeforePause(const Path& path);
-  std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& members) const;
-  Rejection FlightRejectionOf(const std::vector<std::uint32_t>& members);
-  bool IsNoDrone(const std::vector<std::uint32_t>& members);
+  bool IsFree(const Path& path) const;                      // no track has one of its plots
+  void SetPath(const std::vector<std::uint32_t>& members);  // sets path_plots_
+  PathScorer Scorer(TimeOutOfView time_out_of_view) const;
+  std::vector<std::uint32_t> LeftAtPauses() const;
+  std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& numbers) const;
+  Rejection FlightRejectionOf(const std::vector<std::uint32_t>& numbers) const;
+  bool IsNoDrone(const std::vector<std::uint32_t>& numbers) const;
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);
   bool IsCrowded() const;
@@ -134,8 +133,8 @@ class LiveSearch {
   std::vector<Plot> frame_plots_;   // of scan_
   Scan scan_;
   Queue<Path> paths_;
-  std::vector<Plot> path_plots_;
-  std::vector<double> path_log_births_;
+  std::vector<Plot> path_plots_;         // of the path that is looked at
+  std::vector<double> path_log_births_;  // (path_plots_)
   Path pruned_;
   std::vector<std::uint32_t> flight_members_;  // recent plots of flight_
   Flight flight_;

@@ -16,7 +16,7 @@ namespace unlidar {
 namespace {
 
 // Across a pause of this length a path is within reach of strays of seconds before.
-constexpr double kLongPauseS = 3.0;
+constexpr TimeNs kLongPauseNs = 3'000'000'000;
 
 // A verdict stands until a path has grown by this share of its plots. A flight that goes on from a
 // path of something else waits for no more than a flight of its own would need.
@@ -29,9 +29,8 @@ bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& p
   return Floats(path) || DisplacementM(plots).norm() > min_move_m;
 }
 
-// Numbers of the plots of a path within it.
-std::vector<std::uint32_t> AllOf(const Path& path) {
-  std::vector<std::uint32_t> all(path.plots.size());
+std::vector<std::uint32_t> AllOf(std::size_t count) {
+  std::vector<std::uint32_t> all(count);
   std::iota(all.begin(), all.end(), 0U);
   return all;
 }
@@ -43,15 +42,17 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
-// Scores paths of these recent plots, as they are numbered there. Valid until the next call.
-PathScorer LiveSearch::ScorerOf(const std::vector<std::uint32_t>& members,
-                                TimeOutOfView time_out_of_view) {
+void LiveSearch::SetPath(const std::vector<std::uint32_t>& members) {
   path_plots_.clear();
   path_log_births_.clear();
   for (const std::uint32_t i : members) {
     path_plots_.push_back(recent_plots_[i].plot);
     path_log_births_.push_back(log_births_[i]);
   }
+}
+
+// Scores paths of path_plots_.
+PathScorer LiveSearch::Scorer(TimeOutOfView time_out_of_view) const {
   std::vector<TrackModel> models;
   for (const TrackModel& model : models_) models.push_back(model.With(time_out_of_view));
   return PathScorer(
@@ -79,69 +80,52 @@ void LiveSearch::LetStand(Rejection rejection, const Path& path) {
 // have been displaced.
 const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
-  const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kNone);
-  pruned_ = scorer.WithScore(AllOf(path));
+  SetPath(path.plots);
+  const PathScorer scorer = Scorer(TimeOutOfView::kNone);
+  pruned_ = scorer.WithScore(AllOf(path_plots_.size()));
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
   for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
   return pruned_;
 }
 
-// Numbers of the first plots after each pause of at least so long.
-std::vector<std::size_t> LiveSearch::AfterPauses(const std::vector<std::uint32_t>& members,
-                                                 double least_s) const {
-  std::vector<std::size_t> after_pauses;
-  for (std::size_t i = 1; i < members.size(); ++i) {
-    const double before_s = recent_plots_[members[i - 1]].time_s;
-    if (recent_plots_[members[i]].time_s - before_s >= least_s) after_pauses.push_back(i);
-  }
-  return after_pauses;
+// Leaves of all of path_plots_ those behind the last pause across which they are not one target, as
+// paths of a recording join. A higher score is not enough for that: a few strays before a long
+// pause raise it, too, though they explain themselves as well without what comes after it. Before a
+// shorter one must be a path by itself that is no drone.
+std::vector<std::uint32_t> LiveSearch::LeftAtPauses() const {
+  Path path;
+  path.plots = AllOf(path_plots_.size());
+  if (!config_.robust.Uses(Rule::kPause)) return path.plots;
+  const auto other_side_of = [&](const auto& before, const auto& after) {
+    const TimeNs pause_ns = path_plots_[after.front()].time_ns - path_plots_[before.back()].time_ns;
+    return pause_ns >= kLongPauseNs || IsNoDrone(before) ? OtherSide::kBefore : OtherSide::kNone;
+  };
+  CutAtPauses(Scorer(TimeOutOfView::kLogUniform), other_side_of, &path);
+  return path.plots;
 }
 
-// Number of plots before the last pause across which a path is not one target, as paths of a
-// recording join. A higher score is not enough for that: a few strays before a long pause raise it,
-// too, though they explain themselves as well without what comes after it. Before a shorter one
-// must be a path by itself that is no drone.
-std::size_t LiveSearch::NumBeforePause(const Path& path) {
-  if (!config_.robust.Uses(Rule::kPause)) return 0;
-  std::size_t first = 0;
-  Path rest;
-  rest.plots = AllOf(path);
-  for (const std::size_t i : AfterPauses(path.plots, SecondsOf(kBodyPauseNs))) {
-    const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kLogUniform);
-    if (IsOneTarget(scorer, rest, i - first)) continue;
-    const double pause_s =
-        recent_plots_[path.plots[i]].time_s - recent_plots_[path.plots[i - 1]].time_s;
-    const std::vector<std::uint32_t> before(path.plots.begin() + static_cast<std::ptrdiff_t>(first),
-                                            path.plots.begin() + static_cast<std::ptrdiff_t>(i));
-    if (pause_s < kLongPauseS && !IsNoDrone(before)) continue;
-    DropFirst(i - first, &rest.plots);
-    first = i;
-  }
-  return first;
-}
-
-std::vector<Plot> LiveSearch::PlotsOf(const std::vector<std::uint32_t>& members) const {
+std::vector<Plot> LiveSearch::PlotsOf(const std::vector<std::uint32_t>& numbers) const {
   std::vector<Plot> plots;
-  plots.reserve(members.size());
-  for (const std::uint32_t i : members) plots.push_back(recent_plots_[i].plot);
+  plots.reserve(numbers.size());
+  for (const std::uint32_t i : numbers) plots.push_back(path_plots_[i]);
   return plots;
 }
 
-// Returns the rule that refuses these recent plots as a flight.
-Rejection LiveSearch::FlightRejectionOf(const std::vector<std::uint32_t>& members) {
-  const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
-    return ScorerOf(members, TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
+// Returns the rule that refuses these of path_plots_ as a flight.
+Rejection LiveSearch::FlightRejectionOf(const std::vector<std::uint32_t>& numbers) const {
+  const auto reaches_threshold = [&](std::vector<std::uint32_t> some) {
+    for (std::uint32_t& i : some) i = numbers[i];
+    return Scorer(TimeOutOfView::kNone).WithScore(std::move(some)).score >= score_threshold_;
   };
-  return FlightRejection(recent_, PlotsOf(members), recent_bodies_, reaches_threshold,
+  return FlightRejection(recent_, PlotsOf(numbers), recent_bodies_, reaches_threshold,
                          config_.robust);
 }
 
-// True if these plots are a path by themselves, but no drone.
-bool LiveSearch::IsNoDrone(const std::vector<std::uint32_t>& members) {
-  const Path path = ScorerOf(members, TimeOutOfView::kNone).WithScore(AllOf({members, 0.0}));
-  if (path.score < score_threshold_) return false;
-  return TellsNoDrone(FlightRejectionOf(members));
+// True if these of path_plots_ are a path by themselves, but no drone.
+bool LiveSearch::IsNoDrone(const std::vector<std::uint32_t>& numbers) const {
+  return TellsNoDrone(FlightRejectionOf(numbers)) &&
+         Scorer(TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
 }
 
 // The flight of these recent plots.
@@ -159,14 +143,15 @@ Rejection LiveSearch::Judge(const Path& path) {
   cuts_.clear();
   flight_members_ = path.plots;
   if (!IsFree(path)) return Rejection::kSharesReturns;
-  const std::size_t num_before = NumBeforePause(path);
-  if (num_before > 0) {
-    cuts_.push_back({Rejection::kPause, num_before});
-    DropFirst(num_before, &flight_members_);
+  SetPath(path.plots);
+  const std::vector<std::uint32_t> left = LeftAtPauses();
+  if (left.front() > 0) {
+    cuts_.push_back({Rejection::kPause, left.front()});
+    DropFirst(left.front(), &flight_members_);
   }
-  const Rejection rejection = FlightRejectionOf(flight_members_);
+  const Rejection rejection = FlightRejectionOf(left);
   if (rejection != Rejection::kNone) return rejection;
-  flight_plots_ = PlotsOf(flight_members_);
+  flight_plots_ = PlotsOf(left);
   flight_ = FlightOf(flight_members_);
   if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
     return Rejection::kStationary;
@@ -227,8 +212,10 @@ Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
                                 frame_time_.frames_before, models_, config_);
   const std::size_t num_past = whole.plots.size();
   whole.plots.insert(whole.plots.end(), members.begin(), members.end());
-  DropFirst(std::min(NumBeforePause(whole), num_past), &whole.plots);
-  whole.score = ScorerOf(whole.plots, TimeOutOfView::kLogUniform).WithScore(AllOf(whole)).score;
+  SetPath(whole.plots);
+  DropFirst(std::min<std::size_t>(LeftAtPauses().front(), num_past), &whole.plots);
+  SetPath(whole.plots);
+  whole.score = Scorer(TimeOutOfView::kLogUniform).WithScore(AllOf(whole.plots.size())).score;
   return whole;
 }
 
@@ -236,11 +223,13 @@ Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
 // another's plots: it is followed back from behind it, too.
 Flight LiveSearch::WithHistory() {
   Path whole = FollowedBack(flight_members_);
-  const std::vector<std::size_t> after_pauses = AfterPauses(flight_members_, kLongPauseS);
-  if (!after_pauses.empty()) {
-    std::vector<std::uint32_t> last_run = flight_members_;
-    DropFirst(after_pauses.back(), &last_run);
-    Path other = FollowedBack(last_run);
+  const auto are_apart = [&](std::uint32_t later, std::uint32_t earlier) {
+    return recent_plots_[later].plot.time_ns - recent_plots_[earlier].plot.time_ns >= kLongPauseNs;
+  };
+  const auto after_pause =
+      std::adjacent_find(flight_members_.rbegin(), flight_members_.rend(), are_apart);
+  if (after_pause != flight_members_.rend()) {
+    Path other = FollowedBack({std::prev(after_pause.base()), flight_members_.end()});
     if (other.score > whole.score) whole = std::move(other);
   }
   for (const std::uint32_t i : whole.plots) free_[i] = 0;

@@ -18,10 +18,12 @@
 namespace unlidar {
 namespace {
 
-std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
-  std::vector<Plot> members;
-  for (const std::uint32_t i : path.plots) members.push_back(plots[i]);
-  return members;
+std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& members,
+                          const std::vector<Plot>& plots) {
+  std::vector<Plot> chosen;
+  chosen.reserve(members.size());
+  for (const std::uint32_t i : members) chosen.push_back(plots[i]);
+  return chosen;
 }
 
 // Collects the targets of paths, one after the other: a return belongs to at most one target.
@@ -78,7 +80,7 @@ class TargetCollector {
  private:
   // Returns the plots of a path without excluded returns.
   std::vector<Plot> FreePlotsOf(const Path& path) const {
-    std::vector<Plot> members = PlotsOf(path, plots_);
+    std::vector<Plot> members = PlotsOf(path.plots, plots_);
     EraseIf(&members, [&](const Plot& plot) { return HasAnyOf(plot, excluded_); });
     return members;
   }
@@ -137,7 +139,7 @@ class TargetCollector {
       const bool is_within = begin_ns <= time_ns && time_ns <= end_ns;
       if (!is_within && !HasAnyOf(plots_[plot], excluded_)) beyond.plots.push_back(plot);
     }
-    if (!HasMinFrames(PlotsOf(beyond, plots_), config_.min_plots)) return;
+    if (!HasMinFrames(PlotsOf(beyond.plots, plots_), config_.min_plots)) return;
     Path& path = paths_[path_of_[owner]];
     const Path before = path;
     path.score += other.score * static_cast<double>(beyond.plots.size()) /
@@ -194,18 +196,23 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     std::vector<char> are_free(plots.size(), 1);
     const std::vector<double> log_births = LogBirths(plots, scan_schedule, config.tracker);
     const PathScorer scorer(plots, log_births, scan_schedule, config.tracker);
-    const PathScorer judge(plots, log_births, scan_schedule, config.tracker,
+    const PathScorer joins(plots, log_births, scan_schedule, config.tracker,
                            TimeOutOfView::kLogUniform);
-    const auto rejection_of = [&](const Path& path) {
+    const auto rejection_of = [&](const std::vector<std::uint32_t>& members) {
       const auto reaches_threshold = [&](std::vector<std::uint32_t> numbers) {
-        for (std::uint32_t& i : numbers) i = path.plots[i];
+        for (std::uint32_t& i : numbers) i = members[i];
         return scorer.WithScore(std::move(numbers)).score >= threshold;
       };
-      return FlightRejection(recording, PlotsOf(path, plots), multi_station_plots.bodies(),
+      return FlightRejection(recording, PlotsOf(members, plots), multi_station_plots.bodies(),
                              reaches_threshold, config);
     };
-    const auto is_no_drone = [&](const Path& path) {
-      return TellsNoDrone(rejection_of(path)) && scorer.WithScore(path.plots).score >= threshold;
+    const auto is_no_drone = [&](const std::vector<std::uint32_t>& members) {
+      return TellsNoDrone(rejection_of(members)) && scorer.WithScore(members).score >= threshold;
+    };
+    const auto other_side_of = [&](const auto& before, const auto& after) {
+      const bool begins_without = is_no_drone(before);
+      if (begins_without == is_no_drone(after)) return OtherSide::kNone;
+      return begins_without ? OtherSide::kBefore : OtherSide::kAfter;
     };
     for (Path& path : *paths) {
       PathVerdict& verdict = verdicts.emplace_back();
@@ -213,11 +220,12 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      verdict.rejection = rejection_of(path);
+      verdict.rejection = rejection_of(path.plots);
       if (verdict.rejection != Rejection::kNone) continue;
-      if (config.Uses(Rule::kPause) && CutNoDrones(judge, is_no_drone, &path)) {
+      if (config.Uses(Rule::kPause) && CutAtPauses(joins, other_side_of, &path)) {
+        path = joins.WithScore(path.plots);
         verdict.rejection =
-            path.score < threshold ? Rejection::kBelowThreshold : rejection_of(path);
+            path.score < threshold ? Rejection::kBelowThreshold : rejection_of(path.plots);
         if (verdict.rejection != Rejection::kNone) continue;
       }
       if (config.Uses(Rule::kCrowded)) {

@@ -153,9 +153,9 @@ TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
   }
 }
 
-// A walker and then a drone, or a drone and then a walker, two seconds apart: only the drone stays.
-// What is one target keeps both, and so does what is no drone on either side.
-TEST(CutNoDrones, LeavesTheDroneOfAPathThatCameFromAWalker) {
+// A walker and then a drone, or a drone and then a walker, two seconds apart: only the drone stays,
+// and what is one target keeps both.
+TEST(CutAtPauses, LeavesTheDroneOfAPathThatCameFromAWalker) {
   const TrackerConfig config;
   for (const double aside_m : {0.0, 60.0}) {
     const std::vector<Plot> plots = PlotsBesideAPause(aside_m);
@@ -168,20 +168,16 @@ TEST(CutNoDrones, LeavesTheDroneOfAPathThatCameFromAWalker) {
                                                     [](const Plot& p) { return p.frame < 30; });
     const std::vector<std::uint32_t> before(all.begin(), middle);
     const std::vector<std::uint32_t> after(middle, all.end());
-    const auto left_of = [&](bool walks_before, bool walks_after) {
+    const auto left_of = [&](OtherSide other) {
       Path path = scorer.WithScore(all);
-      const auto is_no_drone = [&](const Path& part) {
-        return part.plots.front() == 0 ? walks_before : walks_after;
-      };
-      const bool is_cut = CutNoDrones(scorer, is_no_drone, &path);
+      const bool is_cut = CutAtPauses(
+          scorer, [&](const auto& /*before*/, const auto& /*after*/) { return other; }, &path);
       EXPECT_EQ(is_cut, path.plots != all);
-      EXPECT_EQ(path.score, scorer.WithScore(path.plots).score);
       return path.plots;
     };
-    EXPECT_EQ(left_of(true, false), aside_m > 0.0 ? after : all);
-    EXPECT_EQ(left_of(false, true), aside_m > 0.0 ? before : all);
-    EXPECT_EQ(left_of(true, true), all);
-    EXPECT_EQ(left_of(false, false), all);
+    EXPECT_EQ(left_of(OtherSide::kBefore), aside_m > 0.0 ? after : all);
+    EXPECT_EQ(left_of(OtherSide::kAfter), aside_m > 0.0 ? before : all);
+    EXPECT_EQ(left_of(OtherSide::kNone), all);
   }
 }
 

@@ -259,23 +259,20 @@ bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_bef
   return ValueOf(scorer.WithScore(path.plots)) > ValueOf(before) + ValueOf(after) + kMinExchangeLog;
 }
 
-bool CutNoDrones(const PathScorer& scorer, const std::function<bool(const Path&)>& is_no_drone,
-                 Path* path) {
-  bool is_cut = false;
+bool CutAtPauses(const PathScorer& scorer, const OtherSideOfPause& other_side_of, Path* path) {
+  const std::size_t num_plots = path->plots.size();
   for (std::size_t k = 1; k < path->plots.size(); ++k) {
     const auto time_ns = [&](std::size_t i) { return scorer.plots()[path->plots[i]].time_ns; };
     if (time_ns(k) - time_ns(k - 1) < kBodyPauseNs) continue;
     const auto middle = path->plots.begin() + static_cast<std::ptrdiff_t>(k);
-    Path before{{path->plots.begin(), middle}, 0.0};
-    Path after{{middle, path->plots.end()}, 0.0};
-    const bool begins_without = is_no_drone(before);
-    if (begins_without == is_no_drone(after) || IsOneTarget(scorer, *path, k)) continue;
-    *path = std::move(begins_without ? after : before);
-    is_cut = true;
+    Members before(path->plots.begin(), middle);
+    Members after(middle, path->plots.end());
+    const OtherSide other = other_side_of(before, after);
+    if (other == OtherSide::kNone || IsOneTarget(scorer, *path, k)) continue;
+    path->plots = std::move(other == OtherSide::kBefore ? after : before);
     k = 0;  // what is left may have more
   }
-  if (is_cut) *path = scorer.WithScore(path->plots);
-  return is_cut;
+  return path->plots.size() < num_plots;
 }
 
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config) {

@@ -103,11 +103,17 @@ bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_bef
 // Across a pause of this length a path is within reach of people and cars.
 constexpr TimeNs kBodyPauseNs = 1'000'000'000;
 
-// Cuts off from a path, at pauses of kBodyPauseNs or more across which it is not one target, what
-// is no drone while the other side may be one: a car or a walker that a drone passes. Returns true
-// if the path changed.
-bool CutNoDrones(const PathScorer& scorer, const std::function<bool(const Path&)>& is_no_drone,
-                 Path* path);
+// The side of a pause that is not of the target of a path.
+enum class OtherSide { kNone, kBefore, kAfter };
+
+// Finds it between the plots before and after a pause, of those that are left of the path.
+using OtherSideOfPause = std::function<OtherSide(const std::vector<std::uint32_t>& before,
+                                                 const std::vector<std::uint32_t>& after)>;
+
+// Cuts off from a path, at pauses of kBodyPauseNs or more across which it is not one target, the
+// side that is not of its target: a car or a walker that a drone passes. Returns true if the path
+// changed, which then lacks its score.
+bool CutAtPauses(const PathScorer& scorer, const OtherSideOfPause& other_side_of, Path* path);
 
 // Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlackM = 2.0;

@@ -106,6 +106,11 @@ def test_clutter_without_bound_is_no_number_and_is_said(stream: Stream) -> None:
     assert bounded == "4 detections (4 unsupported), mean log clutter -10.5, no path"
 
 
+def test_a_detection_above_unseen_ground_has_no_height(stream: Stream) -> None:
+    stream.second(0, height_m=None)
+    assert stream.stages() == ["detection"]
+
+
 def test_what_a_rule_cut_off_is_told_by_this_rule_and_the_rest_by_that_of_the_path(
     stream: Stream,
 ) -> None:

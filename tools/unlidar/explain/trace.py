@@ -38,7 +38,7 @@ class TracedDetection:
     y: _Metres
     z: _Metres
     returns: _Count
-    height_m: _Finite  # above the ground
+    height_m: _Finite | None  # above the ground; None where none is seen
     # Of the expected number of clutter detections per m^3 and frame; None where strays are so dense
     # that there is no bound to the groups they form.
     log_clutter: _Finite | None

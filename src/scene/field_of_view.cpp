@@ -71,6 +71,10 @@ void FieldOfView::AddAttitude(const CarrierPose& carrier) {
   }
 }
 
+double FieldOfView::LowestRad() const {
+  return lowest_ == kNoneSeen ? 0.0 : std::asin(static_cast<double>(lowest_));
+}
+
 ElevationRange FieldOfView::Edges() const {
   ElevationRange edges;
   const bool is_level = ups_.size() == 1 && ups_[0] == Eigen::Vector3f::UnitZ();

@@ -47,6 +47,10 @@ class FieldOfView {
   // azimuth that had any since the carrier moved. `ray_m`: in the axes of the carrier.
   bool Contains(const Eigen::Vector3f& ray_m) const;
 
+  // Returns the elevation (rad) of the lowest return so far, in the axes of the carrier; 0 before
+  // the first. The view does not end above it.
+  double LowestRad() const;
+
   // Returns the edges in rad; an unknown edge is at -pi/2 or pi/2.
   ElevationRange Edges() const;
 

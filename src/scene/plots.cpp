@@ -25,7 +25,8 @@ constexpr int kMinSpreadReturns = 6;
 // The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
 // higher than a person, counts as ground contact.
 constexpr double kBodyEdgeRad = 0.05;
-// Where no ground is in view the station may stand on it, and a body reaches down to the very edge.
+// Where no ground is in view the station may stand on it, and a body reaches down to the very edge
+// of the view: other returns may all be higher than a drone.
 constexpr double kBodyUnknownEdgeRad = 0.01;
 // Plots nearer to the box of a body than this share of its size (at least kMinBodyMarginM) are part
 // of it: its far side is hidden, the rest sparse.
@@ -34,24 +35,30 @@ constexpr double kMinBodyMarginM = 0.75;
 // Roughness of the ground: lower returns are not legs.
 constexpr double kRoughnessM = 0.25;
 
+double ElevationRad(const Eigen::Vector3f& ray_m) {
+  return std::asin(static_cast<double>(ray_m.z() / ray_m.norm()));
+}
+
 // True if a return is at the ground, or where the field of view may cut off what reaches there.
-bool IsAtGround(const Eigen::Vector3f& ray_m, double height_m, double lowest_elevation_rad) {
+bool IsAtGround(const Eigen::Vector3f& ray_m, const FrameInfo& frame, const Ground& ground,
+                const LowestElevations& lowest) {
+  const double height_m = ground.HeightAbove(ray_m + frame.carrier.shift_m);
   if (height_m < kBodyContactM) return true;
-  const bool is_known = std::isfinite(height_m);
-  const double edge_rad =
-      std::asin(static_cast<double>(ray_m.z() / ray_m.norm())) - lowest_elevation_rad;
-  return edge_rad < (is_known ? kBodyEdgeRad : kBodyUnknownEdgeRad) &&
-         (is_known ? height_m : static_cast<double>(ray_m.z())) < kPersonHeightM;
+  if (std::isfinite(height_m)) {
+    return height_m < kPersonHeightM &&
+           ElevationRad(ray_m) < lowest.above_ground_rad + kBodyEdgeRad;
+  }
+  return static_cast<double>(ray_m.z()) < kPersonHeightM &&
+         ElevationRad(frame.carrier.rotation.conjugate() * ray_m) <
+             lowest.of_view_rad + kBodyUnknownEdgeRad;
 }
 
 bool IsBody(const Recording& recording, const FrameInfo& frame, const IndexView& returns,
-            const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
+            const Ground& ground, const LowestElevations& lowest, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
   if (n >= kMinContactReturns) {
     const auto is_at_ground = [&](std::uint32_t i) {
-      const Eigen::Vector3f& ray_m = recording.points_m[i];
-      return IsAtGround(ray_m, ground.HeightAbove(ray_m + frame.carrier.shift_m),
-                        lowest_elevation_rad);
+      return IsAtGround(recording.points_m[i], frame, ground, lowest);
     };
     if (std::any_of(returns.begin(), returns.end(), is_at_ground)) return true;
   }
@@ -195,7 +202,7 @@ void FramePlotter::AddBody(const Recording& recording, std::uint32_t first_retur
 
 FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
                                std::vector<std::uint32_t>* candidates, const Ground& ground,
-                               double lowest_elevation_rad, const StrayRateAt& stray_rate_at,
+                               const LowestElevations& lowest, const StrayRateAt& stray_rate_at,
                                const RobustConfig& config) {
   const FrameInfo& frame = recording.frames[frame_index];
   found_.plots.clear();
@@ -206,7 +213,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   linker_.Link(recording.points_m, *candidates, kBodyLink);
   for (std::size_t g = 0; config.Uses(Rule::kBodies) && g < linker_.size(); ++g) {
     const IndexView body = linker_[g];
-    if (!IsBody(recording, frame, body, ground, lowest_elevation_rad, config.plots)) continue;
+    if (!IsBody(recording, frame, body, ground, lowest, config.plots)) continue;
     const RangeRadius link = BodyLinkAmongStrays(recording, body, stray_rate_at);
     if (link.constant_m == kBodyLink.constant_m) {
       AddBody(recording, frame.first_return, body);
@@ -215,7 +222,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     group_.assign(body.begin(), body.end());
     body_linker_.Link(recording.points_m, group_, link);
     for (std::size_t k = 0; k < body_linker_.size(); ++k) {
-      if (IsBody(recording, frame, body_linker_[k], ground, lowest_elevation_rad, config.plots)) {
+      if (IsBody(recording, frame, body_linker_[k], ground, lowest, config.plots)) {
         AddBody(recording, frame.first_return, body_linker_[k]);
       }
     }

@@ -150,6 +150,13 @@ struct FramePlots {
   std::vector<std::uint32_t> body_returns;  // indices into the recording
 };
 
+// Elevations (rad) of a station below which the legs of people are cut off: LowestElevationRad(),
+// and where no ground is in view FieldOfView::LowestRad().
+struct LowestElevations {
+  double above_ground_rad = 0.0;
+  double of_view_rad = 0.0;
+};
+
 // Extracts the plots of successive frames, reusing its memory.
 class FramePlotter {
  public:
@@ -158,11 +165,11 @@ class FramePlotter {
 
   // Links `candidates`, returns of one frame in ascending order, into plots; returns of bodies are
   // removed from them. The recording, the plots and bodies are relative to the viewpoint of the
-  // frame, the ground to that of its station; `lowest_elevation_rad`: LowestElevationRad of the
-  // station. The result is valid until the next call, and may be changed.
+  // frame, the ground to that of its station. The result is valid until the next call, and may be
+  // changed.
   FramePlots& Find(const Recording& recording, std::uint32_t frame,
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
-                   double lowest_elevation_rad, const StrayRateAt& stray_rate_at,
+                   const LowestElevations& lowest, const StrayRateAt& stray_rate_at,
                    const RobustConfig& config);
 
   // Returns of a plot of the last frame: indices into the recording.

@@ -87,7 +87,8 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const OwnVoxels& voxels,
     return occupancy_.StrayRateIn(point_m + shift_m, bin);
   };
   FramePlots& found = plotter_.Find(*frame, 0, &candidates_, support_.ground(),
-                                    lowest_elevation_rad_, std::cref(stray_rate_at), *config_);
+                                    {lowest_elevation_rad_, occupancy_.field_of_view().LowestRad()},
+                                    std::cref(stray_rate_at), *config_);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     SetPlaceRate(ReturnsOf(p), &plot);

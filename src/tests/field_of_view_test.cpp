@@ -82,6 +82,16 @@ TEST(FieldOfView, OfNothingOrOfOneReturnIsUnknown) {
   ExpectUnknown({Towards(0.0, 0.1, 9.0)});
 }
 
+TEST(FieldOfView, DoesNotEndAboveItsLowestReturn) {
+  FieldOfView view;
+  EXPECT_EQ(view.LowestRad(), 0.0);
+  for (const double elevation_rad : {0.3, 0.1, 0.2, -0.1, 0.0}) {
+    view.AddFrame(std::vector<Eigen::Vector3f>{Towards(1.0, elevation_rad, 9.0)}, {});
+    EXPECT_LE(view.LowestRad(), elevation_rad + 1e-6);
+  }
+  EXPECT_NEAR(view.LowestRad(), -0.1, 1e-6);
+}
+
 TEST(FieldOfView, IsTheSameInWhateverOrderReturnsCome) {
   Random random(4);
   std::vector<Eigen::Vector3f> points_m = Scan(3.0, &random);

@@ -88,7 +88,10 @@ void Ground::FitPlane() {
   if (near.support > kMinSupportRatio * plane.support) plane = near;
   plane_ = plane.coefficients;
   support_ = plane.support;
-  exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < max_slope_;
+  // Ground is seen from above. A plane higher than the station, by more than its roughness, is one
+  // of crowns of trees or of lower edges of walls.
+  const bool is_below_station = plane_.x() < kPlaneBandM;
+  exists_ = plane.support > 0.0 && is_below_station && plane_.tail<2>().norm() < max_slope_;
 }
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells

@@ -130,6 +130,24 @@ TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {
   }
 }
 
+// Level crowns of trees higher than the station, and the ground at its feet with grass above it.
+TEST(Ground, IsSeenFromAbove) {
+  Random random(8);
+  for (const double lowest_m : {-2.0, -0.1, 3.0}) {
+    std::vector<Eigen::Vector3f> points_m;
+    for (int i = 0; i < 8000; ++i) {
+      points_m.emplace_back(
+          random.InBox({-40, -40, lowest_m}, {40, 40, lowest_m + 0.5}).cast<float>());
+    }
+    const double height_m = GroundOf(points_m).HeightAbove({3.0F, 4.0F, 1.0F});
+    if (lowest_m > 0.0) {
+      EXPECT_EQ(height_m, std::numeric_limits<double>::infinity());
+    } else {
+      EXPECT_NEAR(height_m, 1.0 - lowest_m, kNoise_m);
+    }
+  }
+}
+
 // A bank 48 m wide and 3 m high, and land beside it as far as 60 m.
 TEST(Ground, OfAStationOnABankIsTheBank) {
   Random random(7);

@@ -86,6 +86,7 @@ double LiveSearch::RecentScoreThreshold() const {
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
   CountPlots(frame);
   paths_.clear();
+  ++num_scans_;
   if (frame.is_searched() && !frame.plots.empty()) {
     const std::size_t first = recent_plots_.size();
     frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
@@ -98,6 +99,7 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
       recent_plots_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
       verdicts_.emplace_back();
+      refusals_.emplace_back();
     }
     SetScan(frame_plots_.data(), frame_plots_.size(), log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
@@ -147,6 +149,7 @@ std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
   DropFirst(gone, &verdicts_);
+  DropFirst(gone, &refusals_);
   if (!recent_plots_.empty()) frame_times_.Forget(recent_plots_.front().plot.frame);
   const auto frame =
       std::find_if(recent_.frames.begin(), recent_.frames.end(),

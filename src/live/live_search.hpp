@@ -54,16 +54,17 @@ class LiveSearch {
   // stands: kNone if it is to be judged (again).
   Rejection StandingRejection(const Path& path);
 
-  // Lets the verdict on such a path stand for what extends it, until it has grown by a good part.
-  // One for want of detections never stands.
+  // Lets the verdict on such a path, the last judged, stand for what extends it, until it has grown
+  // by a good part. One for want of detections, or on a likelier path, never stands.
   void LetStand(Rejection rejection, const Path& path);
 
   // Returns such a path without the short stretches of plots that lower its score, valid until the
   // next call.
   const Path& Pruned(const Path& path);
 
-  // Returns the rule that refuses such a path: it is not a drone, or a track has one of its plots;
-  // kNone if none does. Sets flight() to its flying part: it may begin on the ground.
+  // Returns the rule that refuses such a path, or a likelier one of the frame that has most of its
+  // plots: it is not a drone, or a track has one of its plots; kNone if none does. Sets flight() to
+  // its flying part: it may begin on the ground.
   Rejection Judge(const Path& path);
 
   // Flying part of the path last judged, and the parts before it that were cut off, in order of
@@ -101,16 +102,25 @@ class LiveSearch {
     std::uint32_t num_plots = 0;
   };
 
+  // The rule that refused the last path with a plot, and the scan in which it did.
+  struct Refusal {
+    std::uint32_t scan = 0;
+    Rejection rejection = Rejection::kNone;
+  };
+
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
-  bool IsFree(const Path& path) const;                      // no track has one of its plots
+  bool IsFree(const Path& path) const;  // no track has one of its plots
+  void Refuse(const std::vector<std::uint32_t>& members, Rejection rejection);
+  Rejection RejectionOfLikelier(const std::vector<std::uint32_t>& members) const;
   void SetPath(const std::vector<std::uint32_t>& members);  // sets path_plots_
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
   std::vector<std::uint32_t> LeftAtPauses() const;
   std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& numbers) const;
   Rejection FlightRejectionOf(const std::vector<std::uint32_t>& numbers) const;
   bool IsNoDrone(const std::vector<std::uint32_t>& numbers) const;
+  Rejection JudgeFlight(const std::vector<std::uint32_t>& numbers);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);
   bool IsCrowded() const;
@@ -126,6 +136,8 @@ class LiveSearch {
   std::vector<double> log_births_;         // (recent plots)
   std::vector<char> free_;                 // (recent plots)
   std::vector<StandingVerdict> verdicts_;  // (recent plots)
+  std::vector<Refusal> refusals_;          // (recent plots)
+  std::uint32_t num_scans_ = 0;
   std::vector<TrackSearch> searches_;
   RecentFrameTimes frame_times_;  // of the frames with plots
   // Buffers, reused from frame to frame.
@@ -140,11 +152,12 @@ class LiveSearch {
   Flight flight_;
   std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;
-  double odds_ = 0.0;           // sum of birth odds over all plots, faded,
-  double num_plots_ = 0.0;      // number of plots, faded,
-  double rate_window_s_ = 0.0;  // and time over which they were counted, faded
-  double rate_time_s_ = 0.0;    // time of the last count
-  double observed_s_ = 0.0;     // SceneFrame::observed_s of the last frame searched
+  bool is_of_likelier_ = false;  // the verdict of the path last judged
+  double odds_ = 0.0;            // sum of birth odds over all plots, faded,
+  double num_plots_ = 0.0;       // number of plots, faded,
+  double rate_window_s_ = 0.0;   // and time over which they were counted, faded
+  double rate_time_s_ = 0.0;     // time of the last count
+  double observed_s_ = 0.0;      // SceneFrame::observed_s of the last frame searched
   double score_threshold_ = 0.0;
   bool is_blinded_ = false;
 };

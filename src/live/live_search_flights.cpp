@@ -65,11 +65,32 @@ Rejection LiveSearch::StandingRejection(const Path& path) {
   const StandingVerdict& before = verdicts_[*(path.plots.end() - 2)];
   if (before.num_plots == 0) return Rejection::kNone;
   verdicts_[path.plots.back()] = {before.rejection, before.num_plots - 1};
+  Refuse(path.plots, before.rejection);
   return before.rejection;
+}
+
+// Gives the plots of a path of this frame to what it is of, if that is no drone.
+void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rejection) {
+  if (!TellsNoDrone(rejection)) return;
+  for (const std::uint32_t i : members) refusals_[i] = {num_scans_, rejection};
+}
+
+// Returns the rule that refused the likelier paths of this frame to which most of these plots
+// belong: a path of some of them and of strays would pass it.
+Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& members) const {
+  std::size_t num_refused = 0;
+  Rejection rejection = Rejection::kNone;
+  for (const std::uint32_t i : members) {
+    if (refusals_[i].scan != num_scans_) continue;
+    ++num_refused;
+    rejection = refusals_[i].rejection;
+  }
+  return 2 * num_refused > members.size() ? rejection : Rejection::kNone;
 }
 
 void LiveSearch::LetStand(Rejection rejection, const Path& path) {
   if (rejection == Rejection::kTooFewDetections) return;  // the next plot may be the one it lacks
+  if (is_of_likelier_) return;  // its next plots may be a drone's
   const auto share =
       static_cast<std::uint32_t>(kStandingShare * static_cast<double>(path.plots.size()));
   const auto most = static_cast<std::uint32_t>(config_.robust.min_plots);
@@ -141,6 +162,7 @@ Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
 
 Rejection LiveSearch::Judge(const Path& path) {
   cuts_.clear();
+  is_of_likelier_ = false;
   flight_members_ = path.plots;
   if (!IsFree(path)) return Rejection::kSharesReturns;
   SetPath(path.plots);
@@ -149,9 +171,19 @@ Rejection LiveSearch::Judge(const Path& path) {
     cuts_.push_back({Rejection::kPause, left.front()});
     DropFirst(left.front(), &flight_members_);
   }
-  const Rejection rejection = FlightRejectionOf(left);
+  const Rejection of_likelier = RejectionOfLikelier(flight_members_);
+  is_of_likelier_ = of_likelier != Rejection::kNone;
+  if (is_of_likelier_) return of_likelier;
+  const Rejection rejection = JudgeFlight(left);
+  Refuse(flight_members_, rejection);
+  return rejection;
+}
+
+// Judges and sets the flight of these of path_plots_, which are flight_members_.
+Rejection LiveSearch::JudgeFlight(const std::vector<std::uint32_t>& numbers) {
+  const Rejection rejection = FlightRejectionOf(numbers);
   if (rejection != Rejection::kNone) return rejection;
-  flight_plots_ = PlotsOf(left);
+  flight_plots_ = PlotsOf(numbers);
   flight_ = FlightOf(flight_members_);
   if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
     return Rejection::kStationary;

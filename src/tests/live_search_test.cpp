@@ -39,15 +39,18 @@ class Plots {
     search_.SetSensor(0, info);
   }
 
-  // Adds a frame with plots at about a place. Returns the paths that reach the threshold.
+  // Adds a frame with plots at about a place, or so far apart. Returns the paths that reach the
+  // threshold.
   const Queue<Path>& Add(int i, const Eigen::Vector3d& place_m, double height_m = 50.0,
-                         std::size_t num_plots = 1) {
+                         std::size_t num_plots = 1,
+                         const Eigen::Vector3d& apart_m = Eigen::Vector3d::Zero()) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
     frame.observed_s = 60.0;
     for (std::size_t k = 0; k < num_plots; ++k) {
-      frame.plots.push_back(PlotIn(frame, i, place_m + random_.NormalVector(0.15)));
+      const Eigen::Vector3d at_m = place_m + static_cast<double>(k) * apart_m;
+      frame.plots.push_back(PlotIn(frame, i, at_m + random_.NormalVector(0.15)));
       Plot& plot = frame.plots.back().plot;
       plot.variance_m2 = 0.03;
       plot.lowest_m = height_m;
@@ -349,6 +352,42 @@ TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {
     }
   }
   ADD_FAILURE() << "no flight";
+}
+
+// A thing at rest, and in the last frames a stray 60 m beside it, by which the mean of its last
+// third moves by 3 m. It is no flight where the thing was judged before, or its verdict stands.
+TEST(LiveSearch, MostPlotsOfALikelierPathThatIsRefusedAreNoFlight) {
+  constexpr int kFrames = 60;
+  const Eigen::Vector3d place_m(0.0, 0.0, kRangeM);
+  const Eigen::Vector3d to_stray_m(60.0, 0.0, 0.0);
+  Plots plots;
+  LiveSearch& search = plots.search();
+  Path at_rest;
+  const auto add_stray = [&](int i) {
+    plots.Add(i, place_m, 50.0, 2, to_stray_m);
+    Path astray = at_rest;
+    const auto number = static_cast<std::uint32_t>(search.seen().size() - 2);
+    at_rest.plots.push_back(number);
+    astray.plots.push_back(number + 1);
+    return astray;
+  };
+  for (int i = 0; i < kFrames; ++i) {
+    plots.Add(i, place_m);
+    at_rest.plots.push_back(static_cast<std::uint32_t>(i));
+  }
+  const Path astray = add_stray(kFrames);
+  EXPECT_EQ(search.Judge(astray), Rejection::kNone);
+  EXPECT_EQ(search.Judge(at_rest), Rejection::kStationary);
+  EXPECT_EQ(search.Judge(astray), Rejection::kStationary);
+  search.LetStand(Rejection::kStationary, at_rest);
+  const Path next = add_stray(kFrames + 1);
+  EXPECT_EQ(search.Judge(next), Rejection::kNone);
+  EXPECT_EQ(search.StandingRejection(at_rest), Rejection::kStationary);
+  EXPECT_EQ(search.Judge(next), Rejection::kStationary);
+  search.LetStand(Rejection::kStationary, next);
+  Path further = next;
+  further.plots.push_back(at_rest.plots.back());
+  EXPECT_EQ(search.StandingRejection(further), Rejection::kNone);
 }
 
 // Every path that reaches the threshold is the best one to a plot.

@@ -46,7 +46,7 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
 
 // True if FlightRejection() knows that a path is no drone: few detections say nothing.
 inline bool TellsNoDrone(Rejection rejection) {
-  return rejection != Rejection::kNone && rejection != Rejection::kTooFewDetections;
+  return rejection >= Rejection::kNearGround && rejection <= Rejection::kWeakReturn;
 }
 
 }  // namespace unlidar

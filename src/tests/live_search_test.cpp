@@ -378,8 +378,8 @@ TEST(LiveSearch, MostPlotsOfALikelierPathThatIsRefusedAreNoFlight) {
   const Path astray = add_stray(kFrames);
   EXPECT_EQ(search.Judge(astray), Rejection::kNone);
   EXPECT_EQ(search.Judge(at_rest), Rejection::kStationary);
-  EXPECT_EQ(search.Judge(astray), Rejection::kStationary);
   search.LetStand(Rejection::kStationary, at_rest);
+  EXPECT_EQ(search.Judge(astray), Rejection::kStationary);
   const Path next = add_stray(kFrames + 1);
   EXPECT_EQ(search.Judge(next), Rejection::kNone);
   EXPECT_EQ(search.StandingRejection(at_rest), Rejection::kStationary);

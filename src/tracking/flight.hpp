@@ -46,7 +46,8 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
 
 // True if FlightRejection() knows that a path is no drone: few detections say nothing.
 inline bool TellsNoDrone(Rejection rejection) {
-  return rejection >= Rejection::kNearGround && rejection <= Rejection::kWeakReturn;
+  return rejection == Rejection::kNearGround || rejection == Rejection::kOnStructure ||
+         rejection == Rejection::kStationary || rejection == Rejection::kWeakReturn;
 }
 
 }  // namespace unlidar

@@ -26,8 +26,12 @@ struct LivePlot {
   double dwell_begin_s = std::numeric_limits<double>::quiet_NaN();
   // log_clutter from the neighbourhood alone, without spot and place.
   double log_surrounding_clutter = 0.0;
-  std::uint32_t bin = 0;       // time bin of its frame
-  SymmetricMatrix scatter_m2;  // sum over its returns about their mean
+  std::uint32_t bin = 0;  // time bin of its frame
+  // Sums over its returns: of the squares of their offsets from their mean, of the products of
+  // these and the offsets of their times, and of the squares of the latter.
+  SymmetricMatrix scatter_m2;
+  Eigen::Vector3f time_covariance_ms = Eigen::Vector3f::Zero();
+  float time_scatter_s2 = 0.0F;
 };
 
 // Plots of the last frames, in order of time.

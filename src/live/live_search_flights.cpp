@@ -90,7 +90,7 @@ Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& memb
 
 void LiveSearch::LetStand(Rejection rejection, const Path& path) {
   if (rejection == Rejection::kTooFewDetections) return;  // the next plot may be the one it lacks
-  if (is_of_likelier_) return;  // its next plots may be a drone's
+  if (is_of_likelier_) return;                            // its next plots may be a drone's
   const auto share =
       static_cast<std::uint32_t>(kStandingShare * static_cast<double>(path.plots.size()));
   const auto most = static_cast<std::uint32_t>(config_.robust.min_plots);

@@ -124,6 +124,7 @@ class TrackFollower {
     int num_returns = 0;
     FrameTiming frames;
   };
+  void AddToBody(const LivePlot& seen, const Eigen::Vector3d& velocity_mps);
   void AddToTimings(const Node& node, std::vector<SensorTiming>* timings) const;
   void UpdateTiming();
 
@@ -143,7 +144,7 @@ class TrackFollower {
   double first_time_s_;  // of its frame
   TrackFit fit_;
   bool has_new_plots_ = true;
-  double body_scatter_m2_;  // across ray and motion
+  double body_scatter_m2_;  // horizontally across the ray
   double body_count_;
   double body_sigma_m_;
   std::vector<SensorTiming> settled_timings_;  // (sensors) from settled plots,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
+#include "base/maths.hpp"
 #include "live/track_follower.hpp"
 
 namespace unlidar {
@@ -40,19 +41,28 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
     }
     return k != settled_;
   });
-  // Spread of the returns across the ray and the motion, for the size of the body.
   for (auto its = settled->begin() + first; its != settled->end(); ++its) {
-    const LivePlot& seen = *its;
-    const auto n = static_cast<double>(seen.plot.num_returns);
-    if (n < 2.0) continue;
-    const Eigen::Vector3d across =
-        seen.plot.ray_m.cross(NodeAt(at).h.state.mean.col(1)).stableNormalized();
-    if (across.squaredNorm() < 0.5) continue;
-    body_scatter_m2_ += across.dot(seen.scatter_m2.Full() * across);
-    body_count_ += n - 1.0;
+    AddToBody(*its, NodeAt(at).h.state.mean.col(1));
   }
-  body_sigma_m_ = std::sqrt(body_scatter_m2_ / body_count_);
   Forget();
+}
+
+// Adds to the width of the body, as BodySpread of a recording has it: horizontally across the ray,
+// less what the target moves meanwhile. Without point times that is known from the frame alone.
+void TrackFollower::AddToBody(const LivePlot& seen, const Eigen::Vector3d& velocity_mps) {
+  if (seen.plot.num_returns < 2) return;
+  const auto freedom = static_cast<double>(seen.plot.num_returns) - 1.0;
+  const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(seen.plot.ray_m).stableNormalized();
+  const double speed_mps = across.dot(velocity_mps);
+  const double prior_m2 = collect_.extent_sigma_m * collect_.extent_sigma_m;
+  const double streak_m2 = Square(speed_mps * seen.plot.streak_s) / 12.0;
+  const double weight = Square(prior_m2 / (prior_m2 + streak_m2));
+  const double moved_m2 = speed_mps * (2.0 * across.dot(seen.time_covariance_ms.cast<double>()) -
+                                       speed_mps * static_cast<double>(seen.time_scatter_s2)) +
+                          freedom * streak_m2;
+  body_scatter_m2_ += weight * (across.dot(seen.scatter_m2.Full() * across) - moved_m2);
+  body_count_ += weight * freedom;
+  body_sigma_m_ = std::sqrt(std::max(body_scatter_m2_, 0.0) / body_count_);
 }
 
 std::int32_t TrackFollower::LikeliestEnd() const {

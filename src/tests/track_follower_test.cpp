@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -81,6 +82,35 @@ class TrackFollowerTest : public ::testing::Test {
   Flight flight_;
   Hypothesis confirmed_;
 };
+
+// A flat body, of which each frame has returns over a tenth of a second of its flight.
+TEST_F(TrackFollowerTest, ItsBodyIsAsWideAsItsReturnsLieButForItsMotion) {
+  constexpr double kWidthM = 0.1;
+  constexpr double kHeightM = 0.02;
+  constexpr int kReturns = 20;
+  const Eigen::Vector3d velocity_mps = (DroneM(1) - DroneM(0)) / kPeriodS;
+  Random random(4);
+  for (LivePlot& seen : flight_.plots) {
+    const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(seen.plot.ray_m).normalized();
+    Eigen::Matrix<double, 4, kReturns> returns;  // offsets and times
+    for (int k = 0; k < kReturns; ++k) {
+      const double after_s = random.Uniform(-0.5 * kPeriodS, 0.5 * kPeriodS);
+      const Eigen::Vector3d offset_m =
+          random.Normal(kWidthM) * across + random.Normal(kHeightM) * Eigen::Vector3d::UnitZ();
+      returns.col(k) << offset_m + after_s * velocity_mps, after_s;
+    }
+    returns.colwise() -= returns.rowwise().mean().eval();
+    const Eigen::Matrix4d squares = returns * returns.transpose();
+    seen.plot.num_returns = kReturns;
+    seen.scatter_m2 = SymmetricMatrix(squares.topLeftCorner<3, 3>());
+    seen.time_covariance_ms = squares.topRightCorner<3, 1>().cast<float>();
+    seen.time_scatter_s2 = static_cast<float>(squares(3, 3));
+  }
+  TrackFollower follower(flight_, models_, config_);
+  std::vector<LivePlot> settled;
+  follower.Settle(30 * kPeriodNs, &settled);
+  EXPECT_NEAR(follower.depth_sigma_m() / kFacingSideSigma, kWidthM, 0.008);
+}
 
 TEST_F(TrackFollowerTest, AStrayThatBridgedTheGapIsLeftOut) {
   EXPECT_EQ(Kept({PlotAt(90, kStrayM), PlotAt(150, DroneM(150)), PlotAt(151, DroneM(151))}),

@@ -214,21 +214,17 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }
     Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d time_covariance_ms = Eigen::Vector3d::Zero();
-    double time_scatter_s2 = 0.0;
     std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
       scatter_m2 += d * d.transpose();
       const double after_s = unlidar::SecondsOf(frame_.times_ns[i] - seen.plot.time_ns);
-      time_covariance_ms += after_s * d;
-      time_scatter_s2 += after_s * after_s;
+      seen.time_covariance_ms += (after_s * d).cast<float>();
+      seen.time_scatter_s2 += static_cast<float>(after_s * after_s);
       // nullopt compares less than any bin
       dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);
     }
     seen.scatter_m2 = SymmetricMatrix(scatter_m2);
-    seen.time_covariance_ms = time_covariance_ms.cast<float>();
-    seen.time_scatter_s2 = static_cast<float>(time_scatter_s2);
     if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);
   }

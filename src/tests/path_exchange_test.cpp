@@ -133,45 +133,50 @@ std::vector<Plot> PlotsBesideAPause(double aside_m) {
   return plots;
 }
 
+// The same, as a recording joins paths.
+struct ScoredBesideAPause {
+  explicit ScoredBesideAPause(double aside_m) : plots(PlotsBesideAPause(aside_m)) {
+    std::iota(all.begin(), all.end(), 0U);
+  }
+
+  const TrackerConfig config;
+  const std::vector<Plot> plots;
+  const ScanSchedule scan_schedule = WatchOver(plots);
+  const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+  const PathScorer scorer{plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform};
+  std::vector<std::uint32_t> all = std::vector<std::uint32_t>(plots.size());
+  const std::ptrdiff_t num_before =
+      std::count_if(plots.begin(), plots.end(), [](const Plot& p) { return p.frame < 30; });
+};
+
 // Two parts of a flight that is seen in a third of the frames, with a pause of two seconds between
 // them, are one target's, those of two flights are not, nor what hardly tells of any target.
 TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
-  const TrackerConfig config;
   for (const double aside_m : {0.0, 60.0}) {
-    const std::vector<Plot> plots = PlotsBesideAPause(aside_m);
-    const ScanSchedule scan_schedule = WatchOver(plots);
-    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
-    const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);
+    const ScoredBesideAPause flight(aside_m);
     Path path;
-    path.plots.resize(plots.size());
-    std::iota(path.plots.begin(), path.plots.end(), 0U);
-    const auto num_before = static_cast<std::size_t>(
-        std::count_if(plots.begin(), plots.end(), [](const Plot& p) { return p.frame < 30; }));
-    EXPECT_EQ(IsOneTarget(scorer, path, num_before), aside_m == 0.0) << aside_m;
+    path.plots = flight.all;
+    const auto num_before = static_cast<std::size_t>(flight.num_before);
+    EXPECT_EQ(IsOneTarget(flight.scorer, path, num_before), aside_m == 0.0) << aside_m;
     path.plots = {0, path.plots.back()};
-    EXPECT_FALSE(IsOneTarget(scorer, path, 1)) << aside_m;
+    EXPECT_FALSE(IsOneTarget(flight.scorer, path, 1)) << aside_m;
   }
 }
 
 // A walker and then a drone, or a drone and then a walker, two seconds apart: only the drone stays,
 // and what is one target keeps both.
 TEST(CutAtPauses, LeavesTheDroneOfAPathThatCameFromAWalker) {
-  const TrackerConfig config;
   for (const double aside_m : {0.0, 60.0}) {
-    const std::vector<Plot> plots = PlotsBesideAPause(aside_m);
-    const ScanSchedule scan_schedule = WatchOver(plots);
-    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
-    const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);
-    std::vector<std::uint32_t> all(plots.size());
-    std::iota(all.begin(), all.end(), 0U);
-    const auto middle = all.begin() + std::count_if(plots.begin(), plots.end(),
-                                                    [](const Plot& p) { return p.frame < 30; });
+    const ScoredBesideAPause flight(aside_m);
+    const std::vector<std::uint32_t>& all = flight.all;
+    const auto middle = all.begin() + flight.num_before;
     const std::vector<std::uint32_t> before(all.begin(), middle);
     const std::vector<std::uint32_t> after(middle, all.end());
     const auto left_of = [&](OtherSide other) {
-      Path path = scorer.WithScore(all);
+      Path path = flight.scorer.WithScore(all);
       const bool is_cut = CutAtPauses(
-          scorer, [&](const auto& /*before*/, const auto& /*after*/) { return other; }, &path);
+          flight.scorer, [&](const auto& /*before*/, const auto& /*after*/) { return other; },
+          &path);
       EXPECT_EQ(is_cut, path.plots != all);
       return path.plots;
     };

@@ -261,7 +261,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       }
       sensor_measurements.push_back(
           {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,
-           velocity_mps});
+           station.viewpoint_m.cast<double>(), velocity_mps});
       sensor_measurements.back().measurement.position_m += gated.facing_m;
       sensor_measurements.back().measurement.log_ratio = log_ratio;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
@@ -271,7 +271,9 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
                      [](const SensorMeasurement& a, const SensorMeasurement& b) {
                        return a.measurement.time_ns < b.measurement.time_ns;
                      });
-    sensor_biases = EstimateSensorBiases(sensor_measurements, station_models, config);
+    SensorComparison comparison(config);
+    comparison.Add(sensor_measurements, 0, sensor_measurements.size());
+    sensor_biases = comparison.Biases(comparison.Origins(), recording.sensors.size());
     for (SensorMeasurement& sensor_measurement : sensor_measurements) {
       sensor_measurement.measurement.position_m -= sensor_biases[sensor_measurement.sensor].bias_m;
       sensor_measurement.measurement.time_ns -=

@@ -10,8 +10,16 @@ namespace unlidar {
 namespace {
 
 constexpr TimeNs kScalesNs = 1'500'000'000;  // reuse of the scales of a fit
+// Differences between two sensors from which their bias is estimated: at 10 Hz those of the last
+// 6 s in which both see the target.
+constexpr std::size_t kMaxDifferences = 60;
 
 }  // namespace
+
+TrackFit::TrackFit(const CollectConfig& config)
+    : centroid_offset_(config.centroid_offset),
+      settled_comparison_(config, kMaxDifferences),
+      comparison_(settled_comparison_) {}
 
 void TrackFit::Clear() {
   measurements_.clear();
@@ -19,22 +27,27 @@ void TrackFit::Clear() {
 }
 
 void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps,
-                          double body_sigma_m, double centroid_offset) {
+                          double body_sigma_m) {
   const Plot& plot = seen.plot;
   Measurement m;
   m.time_ns = plot.time_ns;
-  m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset);
+  m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset_);
   m.viewpoint_m = plot.ViewpointM();
   m.support = static_cast<int>(plot.num_returns);
   m.covariance_m2 = MeasurementCovarianceM2({body_sigma_m, body_sigma_m, body_sigma_m}, plot.ray_m,
                                             StreakM2(plot.streak_s, velocity_mps),
                                             static_cast<double>(plot.num_returns));
   measurements_.push_back(m);
-  plot_refs_.push_back({seen.stamp_ns, plot.frame, plot.position_m, m.support});
+  plot_refs_.push_back({seen.stamp_ns, plot.frame, plot.position_m,
+                        m.viewpoint_m - plot.shift_m.cast<double>(), velocity_mps, plot.sensor,
+                        m.support});
 }
 
-void TrackFit::Fit(TrajectoryFitter& fitter) {
+void TrackFit::Fit(TimeNs settled_ns, TrajectoryFitter& fitter) {
+  std::reverse(measurements_.begin(), measurements_.end());
+  std::reverse(plot_refs_.begin(), plot_refs_.end());
   SortByTime();
+  RemoveBiases(settled_ns);
   ObservePredictionErrors();
   const TimeNs now_ns = measurements_.back().time_ns;
   if (scales_ns_ && now_ns - *scales_ns_ <= kScalesNs) {
@@ -43,6 +56,40 @@ void TrackFit::Fit(TrajectoryFitter& fitter) {
   }
   fitter.Fit(measurements_, trajectory_);
   scales_ns_ = now_ns;
+}
+
+// Removes the biases of the sensors, as CollectTarget() does.
+void TrackFit::RemoveBiases(TimeNs settled_ns) {
+  sensor_measurements_.clear();
+  for (std::size_t i = 0; i < measurements_.size(); ++i) {
+    const PlotRef& of = plot_refs_[i];
+    sensor_measurements_.push_back({measurements_[i], of.sensor, of.station_m, of.velocity_mps});
+  }
+  const auto index_after = [&](TimeNs time_ns) {
+    return static_cast<std::size_t>(
+        std::partition_point(measurements_.begin(), measurements_.end(),
+                             [&](const Measurement& m) { return m.time_ns <= time_ns; }) -
+        measurements_.begin());
+  };
+  // Later measurements may still be compared with others.
+  const TimeNs until_ns = settled_ns - NsOf(kSensorOverlapS);
+  const std::size_t first = index_after(compared_until_ns_);
+  const std::size_t last = std::max(first, index_after(until_ns));
+  settled_comparison_.Add(sensor_measurements_, first, last);
+  compared_until_ns_ = std::max(compared_until_ns_, until_ns);
+  comparison_ = settled_comparison_;
+  comparison_.Add(sensor_measurements_, last, measurements_.size());
+  if (!comparison_.HasDifferences()) return;
+  // Another origin would move the trajectory.
+  if (bias_origins_.empty()) bias_origins_ = comparison_.Origins();
+  const std::vector<SensorBias> biases =
+      comparison_.Biases(bias_origins_, comparison_.num_sensors());
+  for (std::size_t i = 0; i < measurements_.size(); ++i) {
+    const SensorBias& bias = biases[plot_refs_[i].sensor];
+    measurements_[i].position_m -= bias.bias_m;
+    measurements_[i].time_ns -= NsOf(bias.delay_s);
+  }
+  SortByTime();
 }
 
 // Compares the last fit with the measurements that it did not know.
@@ -64,8 +111,6 @@ Eigen::Vector3d TrackFit::PredictionInflationM2(TimeNs time_ns) const {
 // Insertion sort: nearly sorted, except for plots of one frame or of several sensors; does not
 // allocate.
 void TrackFit::SortByTime() {
-  std::reverse(measurements_.begin(), measurements_.end());
-  std::reverse(plot_refs_.begin(), plot_refs_.end());
   for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
     const auto place = std::upper_bound(measurements_.begin(), at, *at, By(&Measurement::time_ns));
     const auto plot_ref = plot_refs_.begin() + (at - measurements_.begin());

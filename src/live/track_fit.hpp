@@ -4,10 +4,12 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
 #include "base/recording.hpp"
+#include "collection/sensor_biases.hpp"
 #include "live/live_plot.hpp"
 #include "live/prediction_scale.hpp"
 #include "scene/plots.hpp"
@@ -18,14 +20,16 @@ namespace unlidar {
 
 class TrackFit {
  public:
-  // Sets the measurements: cleared first, then those of plots added from the newest back. The body
-  // is a sphere; `centroid_offset`: CollectConfig::centroid_offset.
-  void Clear();
-  void AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps, double body_sigma_m,
-                  double centroid_offset);
+  explicit TrackFit(const CollectConfig& config);
 
-  // Fits the trajectory, with the scales of a recent fit where they still apply.
-  void Fit(TrajectoryFitter& fitter);
+  // Sets the measurements: cleared first, then those of plots added from the newest back. The body
+  // is a sphere.
+  void Clear();
+  void AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps, double body_sigma_m);
+
+  // Fits the trajectory, with the scales of a recent fit where they still apply. Measurements until
+  // `settled_ns` are final.
+  void Fit(TimeNs settled_ns, TrajectoryFitter& fitter);
 
   const Trajectory& trajectory() const { return trajectory_; }
   const std::vector<Measurement>& measurements() const { return measurements_; }  // by time
@@ -47,19 +51,30 @@ class TrackFit {
     TimeNs stamp_ns;
     std::uint32_t frame;
     Eigen::Vector3d position_m;
+    Eigen::Vector3d station_m;  // viewpoint of its station
+    Eigen::Vector3d velocity_mps;
+    std::uint32_t sensor;
     int num_returns;
   };
 
   void SortByTime();
+  void RemoveBiases(TimeNs settled_ns);
   void ObservePredictionErrors();
   bool IsOutlier(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   bool IsNewestOutlier() const;
 
+  double centroid_offset_;
   Trajectory trajectory_;
   std::vector<Measurement> measurements_;
   std::vector<PlotRef> plot_refs_;   // (measurements)
   std::optional<TimeNs> scales_ns_;  // time of the last fit of scales
   PredictionScale prediction_scale_;
+  SensorComparison settled_comparison_;  // of final measurements, until compared_until_ns_
+  TimeNs compared_until_ns_ = std::numeric_limits<TimeNs>::min();
+  std::vector<std::size_t> bias_origins_;  // as they were first
+  // Buffers, reused from fit to fit.
+  SensorComparison comparison_;  // of all
+  std::vector<SensorMeasurement> sensor_measurements_;
 };
 
 }  // namespace unlidar

@@ -35,6 +35,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       max_hypotheses_(max_hypotheses),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       first_time_s_(flight.frame_times.front().time_s),
+      fit_(config.collect),
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kBodyPriorReturns),
       body_sigma_m_(collect_.extent_sigma_m) {

@@ -1,6 +1,7 @@
 // Fit of a followed track, and the timing of the frames that it uses.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "live/track_follower.hpp"
 
@@ -44,10 +45,11 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   for (std::int32_t k = head; k != kNoIndex; k = NodeAt(k).parent) {
     const Node& node = NodeAt(k);
     if (node.h.time_s < from_s) break;
-    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_,
-                    collect_.centroid_offset);
+    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_);
   }
-  fit_.Fit(fitter);
+  const TimeNs settled_ns = settled_ == kNoIndex ? std::numeric_limits<TimeNs>::min() / 2
+                                                 : PlotOf(NodeAt(settled_)).plot.time_ns;
+  fit_.Fit(settled_ns, fitter);
   has_new_plots_ = false;
 }
 

@@ -6,18 +6,21 @@
 namespace unlidar {
 namespace {
 
-// Columns: along the ray, across it horizontally, across both. For a vertical ray the horizontal
-// axis is arbitrary.
+// Columns: along the ray, across it horizontally, across both.
 Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
   Eigen::Matrix3d axes;
   axes.col(0) = ray_m.stableNormalized();
-  axes.col(1) = Eigen::Vector3d::UnitZ().cross(axes.col(0)).stableNormalized();
-  if (axes.col(1).squaredNorm() < 0.5) axes.col(1) = Eigen::Vector3d::UnitX();
+  axes.col(1) = AcrossRay(axes.col(0));
   axes.col(2) = axes.col(0).cross(axes.col(1));
   return axes;
 }
 
 }  // namespace
+
+Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m) {
+  const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(ray_m).stableNormalized();
+  return across.squaredNorm() < 0.5 ? Eigen::Vector3d(Eigen::Vector3d::UnitX()) : across;
+}
 
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m) {
   const Eigen::Matrix3d axes = RayAxes(ray_m);
@@ -62,8 +65,8 @@ void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
   const Eigen::Matrix3d axes = RayAxes(expected.position_m - viewpoint_m);
   const Eigen::Array3d streak_m2 =
       (axes.transpose() * StreakM2(frame, expected.velocity_mps) * axes).diagonal();
-  // Squared offsets are weighted by the share of their variance that is due to the body.
-  const Eigen::Array3d weight = (variance_m2_ / (variance_m2_ + streak_m2)).square();
+  const Eigen::Array3d weight =
+      streak_m2.unaryExpr([&](double one_m2) { return BodyWeight(variance_m2_, one_m2); });
   const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
   const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();
   for (const std::uint32_t i : returns) {

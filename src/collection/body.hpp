@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "base/recording.hpp"
 
 namespace unlidar {
@@ -15,6 +16,9 @@ struct BodySigmas {
   double width_m = 0.0;
   double height_m = 0.0;
 };
+
+// Unit vector across a ray, horizontal; any such one for a vertical ray.
+Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m);
 
 // Covariance in world axes (z up) for a ray from the sensor.
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m);
@@ -41,6 +45,12 @@ Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ra
 // them. `length_s`: of the time in which the returns may have been measured.
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps);
 Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps);
+
+// Weight of the squared offsets of returns in an estimate of the size of their target: the square
+// of the share of their variance that is due to the body, not to the streak.
+inline double BodyWeight(double body_m2, double streak_m2) {
+  return Square(body_m2 / (body_m2 + streak_m2));
+}
 
 // Number of returns that the prior of the size of a target is worth.
 constexpr double kBodyPriorReturns = 10.0;

@@ -273,7 +273,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
                      });
     SensorComparison comparison(config);
     comparison.Add(sensor_measurements, 0, sensor_measurements.size());
-    sensor_biases = comparison.Biases(comparison.Origins(), recording.sensors.size());
+    comparison.GetBiases(comparison.Origins(), &sensor_biases);
     for (SensorMeasurement& sensor_measurement : sensor_measurements) {
       sensor_measurement.measurement.position_m -= sensor_biases[sensor_measurement.sensor].bias_m;
       sensor_measurement.measurement.time_ns -=

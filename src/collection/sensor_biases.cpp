@@ -102,17 +102,16 @@ std::vector<std::size_t> SensorComparison::Origins() const {
   return origins;
 }
 
-std::vector<SensorBias> SensorComparison::Biases(const std::vector<std::size_t>& origins,
-                                                 std::size_t num_sensors) const {
-  std::vector<SensorBias> biases(num_sensors);
-  for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    biases[i] = BiasFrom(sensors_[i].differences[origins.front()]);
+void SensorComparison::GetBiases(const std::vector<std::size_t>& origins,
+                                 std::vector<SensorBias>* biases) const {
+  for (std::size_t i = 0; i < biases->size(); ++i) {
+    const bool is_added = i < sensors_.size();
+    (*biases)[i] = is_added ? BiasFrom(sensors_[i].differences[origins.front()]) : SensorBias();
   }
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  for (const std::size_t origin : origins) sum_m += biases[origin].bias_m;
+  for (const std::size_t origin : origins) sum_m += (*biases)[origin].bias_m;
   const Eigen::Vector3d common_m = sum_m / static_cast<double>(origins.size());
-  for (SensorBias& bias : biases) bias.bias_m -= common_m;
-  return biases;
+  for (SensorBias& bias : *biases) bias.bias_m -= common_m;
 }
 
 // Regularised least squares. Returns the smallest bias among the solutions from all differences and

@@ -54,10 +54,9 @@ class SensorComparison {
   // between the sides that they see belongs to none of them.
   std::vector<std::size_t> Origins() const;
 
-  // Returns the bias of each sensor (`num_sensors`, at least those added), from its differences d
-  // to the main one: d = bias - velocity * delay. The mean bias of the origins is 0.
-  std::vector<SensorBias> Biases(const std::vector<std::size_t>& origins,
-                                 std::size_t num_sensors) const;
+  // Sets `biases` (sensors, at least those added), from the differences d of each to the main one:
+  // d = bias - velocity * delay. The mean bias of the origins is 0.
+  void GetBiases(const std::vector<std::size_t>& origins, std::vector<SensorBias>* biases) const;
 
  private:
   // Normal equations of (bias, delay) from one difference.

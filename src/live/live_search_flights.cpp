@@ -78,6 +78,7 @@ void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rej
 // Returns the rule that refused the likelier paths of this frame to which most of these plots
 // belong: a path of some of them and of strays would pass it.
 Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& members) const {
+  if (!config_.robust.Uses(Rule::kLikelierRefusal)) return Rejection::kNone;
   std::size_t num_refused = 0;
   Rejection rejection = Rejection::kNone;
   for (const std::uint32_t i : members) {

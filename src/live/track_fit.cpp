@@ -82,10 +82,10 @@ void TrackFit::RemoveBiases(TimeNs settled_ns) {
   if (!comparison_.HasDifferences()) return;
   // Another origin would move the trajectory.
   if (bias_origins_.empty()) bias_origins_ = comparison_.Origins();
-  const std::vector<SensorBias> biases =
-      comparison_.Biases(bias_origins_, comparison_.num_sensors());
+  sensor_biases_.resize(comparison_.num_sensors());
+  comparison_.GetBiases(bias_origins_, &sensor_biases_);
   for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    const SensorBias& bias = biases[plot_refs_[i].sensor];
+    const SensorBias& bias = sensor_biases_[plot_refs_[i].sensor];
     measurements_[i].position_m -= bias.bias_m;
     measurements_[i].time_ns -= NsOf(bias.delay_s);
   }

@@ -75,6 +75,7 @@ class TrackFit {
   // Buffers, reused from fit to fit.
   SensorComparison comparison_;  // of all
   std::vector<SensorMeasurement> sensor_measurements_;
+  std::vector<SensorBias> sensor_biases_;
 };
 
 }  // namespace unlidar

@@ -1,5 +1,4 @@
 // History of a followed track: its settled plots and its paths, and the nodes that they need.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -8,6 +7,7 @@
 
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
+#include "collection/body.hpp"
 #include "live/track_follower.hpp"
 
 namespace unlidar {
@@ -52,11 +52,10 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
 void TrackFollower::AddToBody(const LivePlot& seen, const Eigen::Vector3d& velocity_mps) {
   if (seen.plot.num_returns < 2) return;
   const auto freedom = static_cast<double>(seen.plot.num_returns) - 1.0;
-  const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(seen.plot.ray_m).stableNormalized();
+  const Eigen::Vector3d across = AcrossRay(seen.plot.ray_m);
   const double speed_mps = across.dot(velocity_mps);
-  const double prior_m2 = collect_.extent_sigma_m * collect_.extent_sigma_m;
-  const double streak_m2 = Square(speed_mps * seen.plot.streak_s) / 12.0;
-  const double weight = Square(prior_m2 / (prior_m2 + streak_m2));
+  const double streak_m2 = across.dot(StreakM2(seen.plot.streak_s, velocity_mps) * across);
+  const double weight = BodyWeight(Square(collect_.extent_sigma_m), streak_m2);
   const double moved_m2 = speed_mps * (2.0 * across.dot(seen.time_covariance_ms.cast<double>()) -
                                        speed_mps * static_cast<double>(seen.time_scatter_s2)) +
                           freedom * streak_m2;

@@ -390,6 +390,25 @@ TEST(LiveSearch, MostPlotsOfALikelierPathThatIsRefusedAreNoFlight) {
   EXPECT_EQ(search.StandingRejection(further), Rejection::kNone);
 }
 
+TEST(LiveSearch, TheRefusalOfALikelierPathCanBeSwitchedOff) {
+  Config config;
+  config.robust.disabled_rules = {Rule::kLikelierRefusal};
+  Plots plots(config);
+  LiveSearch& search = plots.search();
+  const Eigen::Vector3d place_m(0.0, 0.0, kRangeM);
+  Path at_rest;
+  for (std::uint32_t i = 0; i < 60; ++i) {
+    plots.Add(static_cast<int>(i), place_m);
+    at_rest.plots.push_back(i);
+  }
+  Path astray = at_rest;
+  plots.Add(60, place_m, 50.0, 2, {60.0, 0.0, 0.0});
+  at_rest.plots.push_back(60);
+  astray.plots.push_back(61);
+  EXPECT_EQ(search.Judge(at_rest), Rejection::kStationary);
+  EXPECT_EQ(search.Judge(astray), Rejection::kNone);
+}
+
 // Every path that reaches the threshold is the best one to a plot.
 TEST(LiveSearch, ScoresOfPlotsAreThoseOfTheBestPaths) {
   const Config config;

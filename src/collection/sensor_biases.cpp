@@ -9,6 +9,7 @@
 #include "scene/stations.hpp"
 
 namespace unlidar {
+
 std::size_t MainSensor(const std::vector<int>& returns) {
   return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
                                   returns.begin());

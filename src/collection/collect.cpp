@@ -267,10 +267,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
     if (sensor_measurements.empty()) return next;
-    std::stable_sort(sensor_measurements.begin(), sensor_measurements.end(),
-                     [](const SensorMeasurement& a, const SensorMeasurement& b) {
-                       return a.measurement.time_ns < b.measurement.time_ns;
-                     });
+    std::stable_sort(sensor_measurements.begin(), sensor_measurements.end(), IsEarlier);
     SensorComparison comparison(config);
     comparison.Add(sensor_measurements, 0, sensor_measurements.size());
     comparison.GetBiases(comparison.Origins(), &sensor_biases);

@@ -25,6 +25,10 @@ struct SensorMeasurement {
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();  // expected
 };
 
+inline bool IsEarlier(const SensorMeasurement& a, const SensorMeasurement& b) {
+  return a.measurement.time_ns < b.measurement.time_ns;
+}
+
 // Bias of a sensor relative to the one that sees the target best; extrinsics and clocks are never
 // exact.
 struct SensorBias {

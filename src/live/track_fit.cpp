@@ -22,14 +22,18 @@ TrackFit::TrackFit(const CollectConfig& config)
       comparison_(settled_comparison_) {}
 
 void TrackFit::Clear() {
-  measurements_.clear();
+  sensor_measurements_.clear();
   plot_refs_.clear();
 }
 
 void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps,
                           double body_sigma_m) {
   const Plot& plot = seen.plot;
-  Measurement m;
+  SensorMeasurement& added = sensor_measurements_.emplace_back();
+  added.sensor = plot.sensor;
+  added.station_m = plot.ViewpointM() - plot.shift_m.cast<double>();
+  added.velocity_mps = velocity_mps;
+  Measurement& m = added.measurement;
   m.time_ns = plot.time_ns;
   m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset_);
   m.viewpoint_m = plot.ViewpointM();
@@ -37,17 +41,17 @@ void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_
   m.covariance_m2 = MeasurementCovarianceM2({body_sigma_m, body_sigma_m, body_sigma_m}, plot.ray_m,
                                             StreakM2(plot.streak_s, velocity_mps),
                                             static_cast<double>(plot.num_returns));
-  measurements_.push_back(m);
-  plot_refs_.push_back({seen.stamp_ns, plot.frame, plot.position_m,
-                        m.viewpoint_m - plot.shift_m.cast<double>(), velocity_mps, plot.sensor,
-                        m.support});
+  plot_refs_.push_back({seen.stamp_ns, plot.frame, plot.position_m, m.support});
 }
 
 void TrackFit::Fit(TimeNs settled_ns, TrajectoryFitter& fitter) {
-  std::reverse(measurements_.begin(), measurements_.end());
+  std::reverse(sensor_measurements_.begin(), sensor_measurements_.end());
   std::reverse(plot_refs_.begin(), plot_refs_.end());
   SortByTime();
   RemoveBiases(settled_ns);
+  measurements_.resize(sensor_measurements_.size());
+  std::transform(sensor_measurements_.begin(), sensor_measurements_.end(), measurements_.begin(),
+                 [](const SensorMeasurement& one) { return one.measurement; });
   ObservePredictionErrors();
   const TimeNs now_ns = measurements_.back().time_ns;
   if (scales_ns_ && now_ns - *scales_ns_ <= kScalesNs) {
@@ -60,16 +64,10 @@ void TrackFit::Fit(TimeNs settled_ns, TrajectoryFitter& fitter) {
 
 // Removes the biases of the sensors, as CollectTarget() does.
 void TrackFit::RemoveBiases(TimeNs settled_ns) {
-  sensor_measurements_.clear();
-  for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    const PlotRef& of = plot_refs_[i];
-    sensor_measurements_.push_back({measurements_[i], of.sensor, of.station_m, of.velocity_mps});
-  }
   const auto index_after = [&](TimeNs time_ns) {
-    return static_cast<std::size_t>(
-        std::partition_point(measurements_.begin(), measurements_.end(),
-                             [&](const Measurement& m) { return m.time_ns <= time_ns; }) -
-        measurements_.begin());
+    return static_cast<std::size_t>(std::count_if(
+        sensor_measurements_.begin(), sensor_measurements_.end(),
+        [&](const SensorMeasurement& one) { return one.measurement.time_ns <= time_ns; }));
   };
   // Later measurements may still be compared with others.
   const TimeNs until_ns = settled_ns - NsOf(kSensorOverlapS);
@@ -78,16 +76,15 @@ void TrackFit::RemoveBiases(TimeNs settled_ns) {
   settled_comparison_.Add(sensor_measurements_, first, last);
   compared_until_ns_ = std::max(compared_until_ns_, until_ns);
   comparison_ = settled_comparison_;
-  comparison_.Add(sensor_measurements_, last, measurements_.size());
+  comparison_.Add(sensor_measurements_, last, sensor_measurements_.size());
   if (!comparison_.HasDifferences()) return;
   // Another origin would move the trajectory.
   if (bias_origins_.empty()) bias_origins_ = comparison_.Origins();
   sensor_biases_.resize(comparison_.num_sensors());
   comparison_.GetBiases(bias_origins_, &sensor_biases_);
-  for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    const SensorBias& bias = sensor_biases_[plot_refs_[i].sensor];
-    measurements_[i].position_m -= bias.bias_m;
-    measurements_[i].time_ns -= NsOf(bias.delay_s);
+  for (SensorMeasurement& one : sensor_measurements_) {
+    one.measurement.position_m -= sensor_biases_[one.sensor].bias_m;
+    one.measurement.time_ns -= NsOf(sensor_biases_[one.sensor].delay_s);
   }
   SortByTime();
 }
@@ -111,11 +108,11 @@ Eigen::Vector3d TrackFit::PredictionInflationM2(TimeNs time_ns) const {
 // Insertion sort: nearly sorted, except for plots of one frame or of several sensors; does not
 // allocate.
 void TrackFit::SortByTime() {
-  for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
-    const auto place = std::upper_bound(measurements_.begin(), at, *at, By(&Measurement::time_ns));
-    const auto plot_ref = plot_refs_.begin() + (at - measurements_.begin());
-    std::rotate(plot_refs_.begin() + (place - measurements_.begin()), plot_ref,
-                std::next(plot_ref));
+  const auto first = sensor_measurements_.begin();
+  for (auto at = first; at != sensor_measurements_.end(); ++at) {
+    const auto place = std::upper_bound(first, at, *at, IsEarlier);
+    const auto plot_ref = plot_refs_.begin() + (at - first);
+    std::rotate(plot_refs_.begin() + (place - first), plot_ref, std::next(plot_ref));
     std::rotate(place, at, std::next(at));
   }
 }

@@ -51,9 +51,6 @@ class TrackFit {
     TimeNs stamp_ns;
     std::uint32_t frame;
     Eigen::Vector3d position_m;
-    Eigen::Vector3d station_m;  // viewpoint of its station
-    Eigen::Vector3d velocity_mps;
-    std::uint32_t sensor;
     int num_returns;
   };
 
@@ -65,16 +62,16 @@ class TrackFit {
 
   double centroid_offset_;
   Trajectory trajectory_;
-  std::vector<Measurement> measurements_;
-  std::vector<PlotRef> plot_refs_;   // (measurements)
-  std::optional<TimeNs> scales_ns_;  // time of the last fit of scales
+  std::vector<SensorMeasurement> sensor_measurements_;
+  std::vector<PlotRef> plot_refs_;         // (sensor_measurements_)
+  std::vector<Measurement> measurements_;  // likewise, alone
+  std::optional<TimeNs> scales_ns_;        // time of the last fit of scales
   PredictionScale prediction_scale_;
   SensorComparison settled_comparison_;  // of final measurements, until compared_until_ns_
   TimeNs compared_until_ns_ = std::numeric_limits<TimeNs>::min();
   std::vector<std::size_t> bias_origins_;  // as they were first
   // Buffers, reused from fit to fit.
   SensorComparison comparison_;  // of all
-  std::vector<SensorMeasurement> sensor_measurements_;
   std::vector<SensorBias> sensor_biases_;
 };
 

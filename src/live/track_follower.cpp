@@ -30,15 +30,15 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
     : models_(&models),
       tracker_(config.tracker),
       collect_(config.collect),
-      uses_frame_length_(config.Uses(Rule::kFrameLength)),
-      allows_agility_change_(config.Uses(Rule::kAgilityChange)),
       max_hypotheses_(max_hypotheses),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       first_time_s_(flight.frame_times.front().time_s),
       fit_(config.collect),
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kBodyPriorReturns),
-      body_sigma_m_(collect_.extent_sigma_m) {
+      body_sigma_m_(collect_.extent_sigma_m),
+      uses_frame_length_(config.Uses(Rule::kFrameLength)),
+      allows_agility_change_(config.Uses(Rule::kAgilityChange)) {
   std::vector<const Plot*> path;
   for (std::size_t i = 0; i < flight.plots.size(); ++i) {
     path.push_back(&flight.plots[i].plot);

@@ -131,19 +131,15 @@ class TrackFollower {
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
-  bool uses_frame_length_;
-  bool allows_agility_change_;
   std::size_t max_hypotheses_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
   std::size_t num_kept_nodes_ = 0;    // when the others were last forgotten
   std::vector<LivePlot> plots_;       // of the nodes, in order of frames
   RecentFrameTimes frame_times_;      // of these plots
-  std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   double first_time_s_;  // of its frame
   TrackFit fit_;
-  bool has_new_plots_ = true;
   double body_scatter_m2_;  // horizontally across the ray
   double body_count_;
   double body_sigma_m_;
@@ -152,6 +148,10 @@ class TrackFollower {
   TimeNs time_bias_ns_ = 0;
   double time_sigma_s_ = 0.0;
   Scratch scratch_;
+  std::int32_t settled_ = kNoIndex;  // the newest settled node
+  bool uses_frame_length_;
+  bool allows_agility_change_;
+  bool has_new_plots_ = true;
 };
 
 }  // namespace unlidar

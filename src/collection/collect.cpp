@@ -271,10 +271,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     SensorComparison comparison(config);
     comparison.Add(sensor_measurements, 0, sensor_measurements.size());
     comparison.GetBiases(comparison.Origins(), &sensor_biases);
-    for (SensorMeasurement& sensor_measurement : sensor_measurements) {
-      sensor_measurement.measurement.position_m -= sensor_biases[sensor_measurement.sensor].bias_m;
-      sensor_measurement.measurement.time_ns -=
-          NsOf(sensor_biases[sensor_measurement.sensor].delay_s);
+    RemoveBiases(sensor_biases, &sensor_measurements);
+    for (const SensorMeasurement& sensor_measurement : sensor_measurements) {
       next.measurements.push_back(sensor_measurement.measurement);
     }
     std::stable_sort(next.measurements.begin(), next.measurements.end(), By(&Measurement::time_ns));

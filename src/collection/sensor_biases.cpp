@@ -10,6 +10,14 @@
 
 namespace unlidar {
 
+void RemoveBiases(const std::vector<SensorBias>& biases,
+                  std::vector<SensorMeasurement>* measurements) {
+  for (SensorMeasurement& one : *measurements) {
+    one.measurement.position_m -= biases[one.sensor].bias_m;
+    one.measurement.time_ns -= NsOf(biases[one.sensor].delay_s);
+  }
+}
+
 std::size_t MainSensor(const std::vector<int>& returns) {
   return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
                                   returns.begin());

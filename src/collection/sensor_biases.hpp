@@ -36,6 +36,10 @@ struct SensorBias {
   double delay_s = 0.0;  // of its stamps
 };
 
+// Subtracts its bias and delay from each measurement. `biases`: (sensors).
+void RemoveBiases(const std::vector<SensorBias>& biases,
+                  std::vector<SensorMeasurement>* measurements);
+
 // Returns the sensor with the most returns (sensors), the first among equals.
 std::size_t MainSensor(const std::vector<int>& returns);
 

@@ -48,7 +48,7 @@ void TrackFit::Fit(TimeNs settled_ns, TrajectoryFitter& fitter) {
   std::reverse(sensor_measurements_.begin(), sensor_measurements_.end());
   std::reverse(plot_refs_.begin(), plot_refs_.end());
   SortByTime();
-  RemoveBiases(settled_ns);
+  CorrectForBiases(settled_ns);
   measurements_.resize(sensor_measurements_.size());
   std::transform(sensor_measurements_.begin(), sensor_measurements_.end(), measurements_.begin(),
                  [](const SensorMeasurement& one) { return one.measurement; });
@@ -63,7 +63,7 @@ void TrackFit::Fit(TimeNs settled_ns, TrajectoryFitter& fitter) {
 }
 
 // Removes the biases of the sensors, as CollectTarget() does.
-void TrackFit::RemoveBiases(TimeNs settled_ns) {
+void TrackFit::CorrectForBiases(TimeNs settled_ns) {
   const auto index_after = [&](TimeNs time_ns) {
     return static_cast<std::size_t>(std::count_if(
         sensor_measurements_.begin(), sensor_measurements_.end(),
@@ -82,10 +82,7 @@ void TrackFit::RemoveBiases(TimeNs settled_ns) {
   if (bias_origins_.empty()) bias_origins_ = comparison_.Origins();
   sensor_biases_.resize(comparison_.num_sensors());
   comparison_.GetBiases(bias_origins_, &sensor_biases_);
-  for (SensorMeasurement& one : sensor_measurements_) {
-    one.measurement.position_m -= sensor_biases_[one.sensor].bias_m;
-    one.measurement.time_ns -= NsOf(sensor_biases_[one.sensor].delay_s);
-  }
+  RemoveBiases(sensor_biases_, &sensor_measurements_);
   SortByTime();
 }
 

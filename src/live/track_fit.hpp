@@ -55,7 +55,7 @@ class TrackFit {
   };
 
   void SortByTime();
-  void RemoveBiases(TimeNs settled_ns);
+  void CorrectForBiases(TimeNs settled_ns);
   void ObservePredictionErrors();
   bool IsOutlier(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   bool IsNewestOutlier() const;

@@ -109,6 +109,7 @@ enum class Rule {
   kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
   kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
+  kGroundPast,       // [S] paths of ground targets do not go on to drones
   kLikelierRefusal,  // [S] most plots of a likelier path that a gate refuses are no target
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
   kOnStructure,      // gates: people and vehicles on bridges and roofs,

@@ -101,6 +101,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"second_round", Rule::kSecondRound},
                        {"collection", Rule::kCollection},
                        {"agility_change", Rule::kAgilityChange},
+                       {"ground_past", Rule::kGroundPast},
                        {"likelier_refusal", Rule::kLikelierRefusal},
                        {"clutter_learning", Rule::kClutterLearning},
                        {"pause", Rule::kPause},

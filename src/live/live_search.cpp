@@ -29,12 +29,15 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   }
   recent_.sensors[sensor] = info;
   scan_schedule_.sensors[sensor].frame_s = SecondsOf(info.frame_period_ns);
-  const TrackerConfig& tracker = config_.robust.tracker;
+  const RobustConfig& robust = config_.robust;
+  const TrackerConfig& tracker = robust.tracker;
   for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
     if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
     models_[m].SetScanSchedule(scan_schedule_);
     if (searches_.size() <= m) {
-      searches_.emplace_back(log_births_, free_, models_[m], tracker);
+      searches_.emplace_back(
+          log_births_, free_, models_[m], tracker,
+          robust.Uses(Rule::kGroundPast) ? robust.off_ground_m : kNoGroundTargetsM);
     }
     searches_[m].SetModel(models_[m]);
   }

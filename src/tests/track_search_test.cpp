@@ -215,6 +215,45 @@ TEST(TrackSearch, OfManyHypothesesFindsThePathThatOneThatDropsNoneFinds) {
   EXPECT_EQ(path.score, best->score);
 }
 
+// Height of the lowest return of each plot of the best path to the last one of a stream.
+std::vector<double> LowestOfLastPathM(const std::vector<Plot>& plots, double ground_target_m) {
+  const TrackerConfig config;
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
+  const std::vector<char> free(plots.size(), 1);
+  const TrackModel model(config.sigma_a_mps2.back(), WatchOver({}), config);
+  TrackSearch search(log_births, free, model, config, ground_target_m);
+  const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
+  for (const Scan& scan : scans) search.Extend(scan);
+  Queue<Path> paths;
+  search.AppendPathsToLastScan(0.0, &paths);
+  std::vector<double> lowest_m;
+  for (const std::uint32_t i : paths.back().plots) lowest_m.push_back(plots[i].lowest_m);
+  return lowest_m;
+}
+
+TEST(TrackSearch, AGroundTargetDoesNotGoOnAsADroneNearby) {
+  // A car in every frame, and a drone 9 m from its way in one of four, last in the last.
+  std::vector<Plot> plots;
+  for (int i = 0; i <= 40; ++i) {
+    const TimeNs time_ns = kBeginNs + i * kPeriodNs;
+    if (i < 40) plots.push_back(MakePlot(time_ns, {0.6 * i - 12.0, 20.0, 0.5}, -9.0, 3));
+    if (i % 4 == 0) plots.push_back(MakePlot(time_ns, {0.2 * i, 21.0, 9.0}, -9.0, 3));
+  }
+  for (Plot& plot : plots) plot.lowest_m = plot.position_m.z();
+  EXPECT_EQ(LowestOfLastPathM(plots, 2.0), std::vector<double>(11, 9.0));
+  EXPECT_EQ(LowestOfLastPathM(plots, kNoGroundTargetsM).front(), 0.5);
+}
+
+TEST(TrackSearch, WhatTakesOffGoesOnFromTheGround) {
+  std::vector<Plot> plots;
+  for (int i = 0; i < 40; ++i) {
+    const Eigen::Vector3d at_m(0.1 * i, 20.0, 0.01 * i * i);
+    plots.push_back(MakePlot(kBeginNs + i * kPeriodNs, at_m, -9.0, 3));
+    plots.back().lowest_m = at_m.z();
+  }
+  EXPECT_EQ(LowestOfLastPathM(plots, 2.0).size(), plots.size());
+}
+
 TEST(TrackSearch, BirthsFarAwayDoNotCrowdOutAWeakPathNearby) {
   constexpr int kFrames = 120;
   constexpr int kStrays = 300;

@@ -39,8 +39,13 @@ TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vecto
 }
 
 TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
-                         const TrackModel& model, const TrackerConfig& config)
-    : log_births_(log_births), free_(free), model_(model), config_(config) {}
+                         const TrackModel& model, const TrackerConfig& config,
+                         double ground_target_m)
+    : log_births_(log_births),
+      free_(free),
+      model_(model),
+      config_(config),
+      ground_target_m_(ground_target_m) {}
 
 void TrackSearch::Extend(const Scan& scan) {
   last_scan_ = history_.size();
@@ -56,6 +61,7 @@ void TrackSearch::Extend(const Scan& scan) {
           model_.Update(from, motions_[p.motion], p, scan.PlotAt(i), scan.at, candidate.increment);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
+      h.is_near_ground = scan.PlotAt(i).lowest_m <= ground_target_m_;
       h.parent = from.node;
       h.peak_score = from.peak_score;
       Add(h);
@@ -216,9 +222,11 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     const Scan::Entry& entry = scan.entries[i];
     const double distance2_m2 = (scan.positions_m.points_m()[i] - p.position_m).squaredNorm();
     if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
-    const ScoreIncrement increment = model_.ScoreIncrementOf(p, scan.PlotAt(entry.plot));
+    const Plot& plot = scan.PlotAt(entry.plot);
+    const ScoreIncrement increment = model_.ScoreIncrementOf(p, plot);
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
+    if (IsLikelierNew(active_[p.hypothesis], plot, score, log_births_[entry.plot])) continue;
     std::vector<Candidate>& best = candidates_[entry.plot - scan.first];
     InsertCandidate({score, increment, p.hypothesis, predictions_.size() - 1}, &best);
     if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
@@ -226,6 +234,12 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     is_raised = true;
   }
   return is_raised;
+}
+
+// True for a path from near the ground to a plot above it that is likelier the first of a target.
+bool TrackSearch::IsLikelierNew(const Hypothesis& from, const Plot& plot, double score,
+                                double log_birth) const {
+  return from.is_near_ground && plot.lowest_m > ground_target_m_ && score - from.score < log_birth;
 }
 
 void TrackSearch::InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const {

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -13,6 +14,9 @@
 
 namespace unlidar {
 
+// No plot is as low: paths may go on from the ground to anywhere.
+inline constexpr double kNoGroundTargetsM = -std::numeric_limits<double>::infinity();
+
 class TrackSearch {
  public:
   // Runs the search for paths above `min_score` >= 0. `free` (plots) is kept by reference: plots
@@ -21,9 +25,12 @@ class TrackSearch {
               const std::vector<char>& free, double min_score, const TrackModel& model,
               const TrackerConfig& config);
 
-  // For a stream: Extend() adds each frame as it arrives.
+  // For a stream: Extend() adds each frame as it arrives. No path goes on from a plot of at most
+  // `ground_target_m` height to a higher one where a new target is likelier: a refused path of a
+  // car, which stays in the search, would be the likeliest way to any drone near it.
   TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
-              const TrackModel& model, const TrackerConfig& config);
+              const TrackModel& model, const TrackerConfig& config,
+              double ground_target_m = kNoGroundTargetsM);
 
   // Returns the best path through plots that are still free; empty, with score 0, if there is none.
   Path Best();
@@ -110,12 +117,15 @@ class TrackSearch {
   void Continue(const Outlook& outlook, const Scan& scan);
   bool ContinueToLeaf(const Scan& scan, const PointTree<double>::Node& leaf,
                       const ScoreBound& bound);
+  bool IsLikelierNew(const Hypothesis& from, const Plot& plot, double score,
+                     double log_birth) const;
   void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
   const std::vector<double>& log_births_;
   const std::vector<char>& free_;
   TrackModel model_;
   const TrackerConfig& config_;
+  double ground_target_m_;
   std::vector<Node> history_;            // all hypotheses
   std::size_t last_scan_ = 0;            // index of its first hypothesis in the history
   std::vector<PathEnd> ends_;            // heap; their plots may have been taken since

@@ -22,6 +22,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/fit_trajectory.hpp"
 #include "trajectory/kind.hpp"
 #include "trajectory/trajectory.hpp"
 

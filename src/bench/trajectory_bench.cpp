@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/fit_trajectory.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {

@@ -12,6 +12,7 @@
 #include "collection/spots.hpp"
 #include "collection/visibility.hpp"
 #include "trajectory/sampling.hpp"
+#include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {
 namespace {
@@ -211,13 +212,15 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
   std::vector<FrameTiming> timings(recording.sensors.size());
   const int num_rounds = robust.Uses(Rule::kCollection) ? kMaxRounds : 0;
-  TrajectoryScales scales;
+  TrajectoryFitter fitter(trajectory_config);
+  Trajectory trajectory;
   for (int round = 0; round < num_rounds; ++round) {
     // The scales of the path hold for its collected returns, too.
-    const Trajectory trajectory =
-        round == 0 ? FitTrajectory(target.measurements, trajectory_config)
-                   : RefitTrajectory(target.measurements, scales, trajectory_config);
-    scales = trajectory.scales;
+    if (round == 0) {
+      fitter.Fit(target.measurements, trajectory);
+    } else {
+      fitter.Refit(target.measurements, trajectory.scales, trajectory);
+    }
     const Visibility visibility(recording, station_models, trajectory, target.returns);
     std::vector<SensorMeasurement> sensor_measurements;
     BodySpread spread(config.extent_sigma_m);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory.hpp"

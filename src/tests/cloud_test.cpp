@@ -7,6 +7,7 @@
 #include <functional>
 #include <vector>
 
+#include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {

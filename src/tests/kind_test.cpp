@@ -7,6 +7,8 @@
 #include <random>
 #include <vector>
 
+#include "tests/fit_trajectory.hpp"
+
 namespace unlidar {
 namespace {
 

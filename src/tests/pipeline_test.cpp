@@ -14,6 +14,7 @@
 #include "io/pcd.hpp"
 #include "io/stamp.hpp"
 #include "tests/draws.hpp"
+#include "tests/fit_trajectory.hpp"
 #include "tests/read_recording.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"

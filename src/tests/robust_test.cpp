@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/fit_trajectory.hpp"
 #include "tests/fitted_scene.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"

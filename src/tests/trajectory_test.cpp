@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/fit_trajectory.hpp"
 #include "trajectory/bspline.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 

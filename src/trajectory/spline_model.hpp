@@ -67,7 +67,7 @@ struct SplineModel {
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 
-// Sets `model` except for its smoothness, reusing memory. Throws the same as FitTrajectory().
+// Sets `model` except for its smoothness, reusing memory. Throws the same as TrajectoryFitter.
 void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
                       SplineModel& model);
 

@@ -20,10 +20,6 @@ SplinePoint SplinePointAt(const Trajectory& trajectory, TimeNs time_ns) {
   return {interval, EvaluateBasis(polynomials, u_s, 0), EvaluateBasis(polynomials, u_s, 1)};
 }
 
-Eigen::Matrix3d CovarianceOf(const Trajectory& trajectory, const SplinePoint& point) {
-  return CovarianceOfSum(point.first, point.basis, trajectory.covariance_m2);
-}
-
 }  // namespace
 
 TrajectoryRow Trajectory::At(TimeNs time_ns) const {
@@ -35,32 +31,20 @@ TrajectoryRow Trajectory::At(TimeNs time_ns) const {
     row.position_m += point.basis[j] * control_points_m[Index(point.first + j)];
     row.velocity_mps += point.slope[j] * control_points_m[Index(point.first + j)];
   }
-  row.sigma_m = CovarianceOf(*this, point).diagonal().cwiseMax(0.0).cwiseSqrt();
+  row.sigma_m =
+      CovarianceOfSum(point.first, point.basis, covariance_m2).diagonal().cwiseMax(0.0).cwiseSqrt();
   return row;
 }
 
 Eigen::Matrix3d Trajectory::CovarianceAt(TimeNs time_ns) const {
-  return CovarianceOf(*this, SplinePointAt(*this, time_ns));
-}
-
-Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
-                         const TrajectoryConfig& config) {
-  Trajectory trajectory;
-  TrajectoryFitter(config).Fit(measurements, trajectory);
-  return trajectory;
+  const SplinePoint point = SplinePointAt(*this, time_ns);
+  return CovarianceOfSum(point.first, point.basis, covariance_m2);
 }
 
 Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
                                 const TrajectoryConfig& config) {
   Trajectory trajectory;
   TrajectoryFitter(config, Minimiser::kCeres).Fit(measurements, trajectory);
-  return trajectory;
-}
-
-Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,
-                           const TrajectoryScales& scales, const TrajectoryConfig& config) {
-  Trajectory trajectory;
-  TrajectoryFitter(config).Refit(measurements, scales, trajectory);
   return trajectory;
 }
 

@@ -61,19 +61,10 @@ struct Trajectory {
   Eigen::Matrix3d CovarianceAt(TimeNs time_ns) const;
 };
 
-// Fits measurements: at least one, in time order, with positive definite covariances. Throws
-// std::invalid_argument otherwise.
-Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
-                         const TrajectoryConfig& config);
-
-// Same as FitTrajectory(), with the minimum refined by Ceres; used for recordings.
+// Fits measurements as TrajectoryFitter::Fit() does, with the minimum refined by Ceres: for what is
+// written of recordings.
 Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
                                 const TrajectoryConfig& config);
-
-// Same as FitTrajectory() at given scales, several times faster: for measurements that have changed
-// little.
-Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,
-                           const TrajectoryScales& scales, const TrajectoryConfig& config);
 
 // Target found by either method, with the trajectory that is written of it.
 struct Target {

@@ -14,8 +14,8 @@ namespace unlidar {
 enum class Minimiser { kBanded, kCeres };
 inline constexpr int kMaxCeresIterations = 500;
 
-// FitTrajectory() and RefitTrajectory() for a stream: a fit no longer than an earlier one does not
-// allocate, nor does `trajectory` if it is that of the same target one frame earlier.
+// A fit no longer than an earlier one does not allocate, nor does `trajectory` if it is that of the
+// same target one frame earlier.
 class TrajectoryFitter {
  public:
   explicit TrajectoryFitter(const TrajectoryConfig& config,
@@ -23,7 +23,11 @@ class TrajectoryFitter {
                             int max_ceres_iterations = kMaxCeresIterations)
       : config_(config), minimiser_(minimiser), max_ceres_iterations_(max_ceres_iterations) {}
 
+  // Fits measurements: at least one, in time order, with positive definite covariances. Throws
+  // std::invalid_argument otherwise.
   void Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory);
+
+  // Same at given scales, several times faster: for measurements that have changed little.
   void Refit(const std::vector<Measurement>& measurements, TrajectoryScales scales,
              Trajectory& trajectory);
 

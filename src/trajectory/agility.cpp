@@ -83,30 +83,22 @@ double AlongOverAcross(const std::vector<DrivingNoise>& driving_noises,
   return along / along_freedom * across_freedom / across;
 }
 
-// Standard deviations along and across the direction with a mean variance per axis of 1, as a
-// symmetric matrix, and its inverse.
-class AnisotropicSigma {
- public:
-  AnisotropicSigma(const Eigen::Vector3d& direction, double along_over_across) {
-    const double share = direction.squaredNorm();
-    const double ratio = 1.0 + (along_over_across - 1.0) * share;
-    across_ = std::sqrt(3.0 / (ratio + 2.0));
-    along_ = std::sqrt(ratio) * across_;
-    if (share > 0.0) along_projector_ = direction * direction.transpose() / share;
+// Returns the standard deviations along and across the direction with a mean variance per axis of
+// 1, as a symmetric matrix, or its inverse.
+Eigen::Matrix3d AnisotropicSigmas(const Eigen::Vector3d& direction, double along_over_across,
+                                  bool is_inverse) {
+  const double share = direction.squaredNorm();
+  const double ratio = 1.0 + (along_over_across - 1.0) * share;
+  double across = std::sqrt(3.0 / (ratio + 2.0));
+  double along = std::sqrt(ratio) * across;
+  if (is_inverse) {
+    across = 1.0 / across;
+    along = 1.0 / along;
   }
-
-  Eigen::Matrix3d Sigmas() const { return With(across_, along_); }
-  Eigen::Matrix3d Inverse() const { return With(1.0 / across_, 1.0 / along_); }
-
- private:
-  Eigen::Matrix3d With(double across, double along) const {
-    return across * Eigen::Matrix3d::Identity() + (along - across) * along_projector_;
-  }
-
-  double across_;
-  double along_;
-  Eigen::Matrix3d along_projector_ = Eigen::Matrix3d::Zero();
-};
+  Eigen::Matrix3d along_projector = Eigen::Matrix3d::Zero();
+  if (share > 0.0) along_projector = direction * direction.transpose() / share;
+  return across * Eigen::Matrix3d::Identity() + (along - across) * along_projector;
+}
 
 // Sets the posterior means of the variances (intervals) under the hidden Markov chain. Returns its
 // log evidence.
@@ -157,7 +149,7 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales,
       config.Uses(MotionRule::kDirection) ? AlongOverAcross(driving_noises, model.agility) : 1.0;
   for (std::size_t i = 0; i < n; ++i) {
     const Eigen::Matrix3d whiten =
-        AnisotropicSigma(driving_noises[i].direction, along_over_across).Inverse();
+        AnisotropicSigmas(driving_noises[i].direction, along_over_across, true);
     const double fitted = Dot(whiten * whiten, driving_noises[i].squares);
     const Eigen::Matrix3d prior = model.agility[i] * model.agility[i];
     const double measured =
@@ -180,10 +172,11 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales,
     double variance = 0.0;
     for (std::size_t s = 0; s < shares.size(); ++s) variance += shares[s] * memory.variances[s][i];
     const double level = std::sqrt(variance / sum);
-    const AnisotropicSigma shape(driving_noises[i].direction, along_over_across);
-    model.agility[i] = level * shape.Sigmas();
+    const Eigen::Vector3d& direction = driving_noises[i].direction;
+    model.agility[i] = level * AnisotropicSigmas(direction, along_over_across, false);
+    const Eigen::Matrix3d inverse = AnisotropicSigmas(direction, along_over_across, true);
     for (const std::size_t row : {2 * i + 1, 2 * i + 2}) {
-      model.smoothness[row].sqrt_information = shape.Inverse() / level;
+      model.smoothness[row].sqrt_information = inverse / level;
     }
   }
 }

@@ -73,29 +73,6 @@ class LastPoint : public ceres::EvaluationCallback {
   std::vector<Eigen::Vector3d> last_m_;
 };
 
-ceres::Problem::Options ProblemOptions(LastPoint* last_point) {
-  ceres::Problem::Options options;
-  options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  options.disable_all_safety_checks = true;
-  options.evaluation_callback = last_point;
-  return options;
-}
-
-void AddResiduals(const SplineModel& model, const TrajectoryScales& scales,
-                  ceres::LossFunction* loss, std::vector<Eigen::Vector3d>& control_points_m,
-                  ceres::Problem& problem) {
-  const auto add = [&](const SplineRow& row, double scale, ceres::LossFunction* row_loss) {
-    Eigen::Vector3d* const control = &control_points_m[static_cast<std::size_t>(row.first)];
-    problem.AddResidualBlock(new SplineCost(row, scale), row_loss, control[0].data(),
-                             control[1].data(), control[2].data(), control[3].data());
-  };
-  for (const auto& row : model.measurements) add(row, 1.0, loss);
-  for (const auto& row : model.smoothness) {
-    add(row, scales.noise / scales.acceleration_mps2, nullptr);
-  }
-  for (const auto& row : model.start) add(row, 1.0, nullptr);
-}
-
 ceres::Solver::Options SolverOptions(int max_iterations,
                                      const std::vector<Eigen::Vector3d>& control_points_m) {
   ceres::Solver::Options options;
@@ -119,18 +96,6 @@ ceres::Solver::Options SolverOptions(int max_iterations,
   return options;
 }
 
-// Some destructors of Ceres allocate, and a failure there terminates the program. So the memory of
-// the whole solve is reserved beforehand.
-void SolveWithReserve(const ceres::Solver::Options& options, ceres::Problem* problem,
-                      ceres::Solver::Summary* summary) {
-  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice the measured size
-  constexpr std::size_t kBytesAtLeast = 1U << 17U;
-  const auto num_blocks = static_cast<std::size_t>(problem->NumResidualBlocks());
-  const MemoryReserve reserve(kBytesAtLeast + kBytesPerResidualBlock * num_blocks);
-  ceres::Solve(options, problem, summary);
-  if (reserve.was_needed()) throw std::bad_alloc();
-}
-
 }  // namespace
 
 MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& scales,
@@ -138,15 +103,35 @@ MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& 
                               std::vector<Eigen::Vector3d>& control_points_m) {
   // Ceres stops at two identical costs, whatever the step was: solve again in that case.
   constexpr int kMaxSolves = 4;
+  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice the measured size
+  constexpr std::size_t kBytesAtLeast = 1U << 17U;
   TruncatedLossFunction loss_function(loss);
   LastPoint last_point(control_points_m);
-  ceres::Problem problem(ProblemOptions(&last_point));
-  AddResiduals(model, scales, &loss_function, control_points_m, problem);
+  ceres::Problem::Options problem_options;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.disable_all_safety_checks = true;
+  problem_options.evaluation_callback = &last_point;
+  ceres::Problem problem(problem_options);
+  const auto add = [&](const SplineRow& row, double scale, ceres::LossFunction* row_loss) {
+    Eigen::Vector3d* const control = &control_points_m[Index(row.first)];
+    problem.AddResidualBlock(new SplineCost(row, scale), row_loss, control[0].data(),
+                             control[1].data(), control[2].data(), control[3].data());
+  };
+  for (const auto& row : model.measurements) add(row, 1.0, &loss_function);
+  for (const auto& row : model.smoothness) {
+    add(row, scales.noise / scales.acceleration_mps2, nullptr);
+  }
+  for (const auto& row : model.start) add(row, 1.0, nullptr);
   const ceres::Solver::Options options = SolverOptions(max_iterations, control_points_m);
+  const auto num_blocks = static_cast<std::size_t>(problem.NumResidualBlocks());
   MinimumReport report;
   for (int solve = 0; solve < kMaxSolves; ++solve) {
     ceres::Solver::Summary summary;
-    SolveWithReserve(options, &problem, &summary);
+    // Some destructors of Ceres allocate, and a failure there terminates the program. So the memory
+    // of the whole solve is reserved beforehand.
+    const MemoryReserve reserve(kBytesAtLeast + kBytesPerResidualBlock * num_blocks);
+    ceres::Solve(options, &problem, &summary);
+    if (reserve.was_needed()) throw std::bad_alloc();
     control_points_m = last_point.last_m();
     if (solve == 0) report.initial_cost = summary.initial_cost;
     report.final_cost = summary.final_cost;

@@ -18,31 +18,6 @@ std::size_t CountWithin(Wide elapsed_ns, std::uint64_t nanohertz) {
   return static_cast<std::size_t>((elapsed_ns * nanohertz + kPerInstant - 1) / kPerInstant);
 }
 
-struct InstantsOf {
-  const Recording& recording;
-
-  OutputInstants operator()(FirstSensorStamps) const {
-    std::vector<TimeNs> stamps;
-    for (const FrameInfo& frame : recording.frames) {
-      if (frame.sensor == 0) stamps.push_back(frame.stamp_ns);
-    }
-    return OutputInstants(std::move(stamps));
-  }
-
-  OutputInstants operator()(const Rate& rate) const {
-    if (recording.frames.empty()) return OutputInstants();
-    TimeNs begin_ns = recording.frames.front().begin_ns;
-    TimeNs end_ns = recording.frames.front().end_ns;
-    for (const FrameInfo& frame : recording.frames) {
-      begin_ns = std::min(begin_ns, frame.begin_ns);
-      end_ns = std::max(end_ns, frame.end_ns);
-    }
-    return OutputInstants(rate, begin_ns, end_ns);
-  }
-
-  OutputInstants operator()(const std::vector<TimeNs>& list) const { return OutputInstants(list); }
-};
-
 }  // namespace
 
 OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
@@ -78,7 +53,20 @@ std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
 }
 
 OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {
-  return std::visit(InstantsOf{recording}, times);
+  if (const auto* const list = std::get_if<std::vector<TimeNs>>(&times)) {
+    return OutputInstants(*list);
+  }
+  std::vector<TimeNs> stamps;
+  TimeNs begin_ns = std::numeric_limits<TimeNs>::max();
+  TimeNs end_ns = std::numeric_limits<TimeNs>::min();
+  for (const FrameInfo& frame : recording.frames) {
+    if (frame.sensor == 0) stamps.push_back(frame.stamp_ns);
+    begin_ns = std::min(begin_ns, frame.begin_ns);
+    end_ns = std::max(end_ns, frame.end_ns);
+  }
+  const auto* const rate = std::get_if<Rate>(&times);
+  if (rate == nullptr) return OutputInstants(std::move(stamps));
+  return recording.frames.empty() ? OutputInstants() : OutputInstants(*rate, begin_ns, end_ns);
 }
 
 }  // namespace unlidar

@@ -14,17 +14,6 @@ namespace {
 constexpr TimeNs kPathStepNs = 20'000'000;  // 50 Hz: finer than any manoeuvre
 constexpr TimeNs kMaxPathSteps = 100'000;
 
-const FrameInfo& FrameOf(const Recording& recording, std::uint32_t index) {
-  // Frames are contiguous in the recording: the first one that ends behind the return.
-  return *std::upper_bound(
-      recording.frames.begin(), recording.frames.end(), index,
-      [](std::uint32_t i, const FrameInfo& frame) { return i < frame.last_return; });
-}
-
-bool IsFinite(const TrajectoryRow& row) {
-  return row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite();
-}
-
 // Returns the time for which the target may have been undetected beyond one end: as long as missed
 // detections are likelier than `probability`, with the detection rate per frame period of the
 // nearest measurements. Their longest pause is excluded: it may be an occlusion.
@@ -116,7 +105,8 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
   std::uint32_t frame_end = 0;
   for (const std::uint32_t index : returns) {
     if (support.empty() || index >= frame_end) {
-      const FrameInfo& frame = FrameOf(recording, index);
+      // Frames are contiguous in the recording: the first one that ends behind the return.
+      const FrameInfo& frame = *FirstFrom(recording.frames, &FrameInfo::last_return, index + 1);
       frame_end = frame.last_return;
       support.push_back({frame.stamp_ns, 0});
     }
@@ -197,7 +187,10 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + late_m.cwiseAbs2() +
                    VarianceInflationAt(time_ns))
                       .cwiseSqrt();
-    if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
+    if (row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite() &&
+        row.sigma_m.maxCoeff() <= source_.max_sigma_m) {
+      return row;
+    }
   }
   return std::nullopt;
 }

@@ -92,7 +92,7 @@ void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
   for (int round = 0; config_.Uses(MotionRule::kAgility) && round < kRounds; ++round) {
     AdaptAgility(fit_, scales, config_, agility_memory_, model_);
     memory_.solver.SetSmoothness(model_);
-    RefitRobust(model_, scales, memory_, fit_);
+    Reweight(model_, scales, LossOf(scales).squared_limit, memory_, fit_);
   }
   trajectory.minimum = FindMinimum(scales);
   trajectory.scales = scales;

@@ -40,14 +40,20 @@ double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix
 
 double Ratio(const TrajectoryScales& scales) { return scales.acceleration_mps2 / scales.noise; }
 
-double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
-  double largest = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
-  return largest;
+// Sets the weights to those of the residuals at the control points. Returns true if any changes.
+bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& fit) {
+  bool has_changed = false;
+  for (std::size_t i = 0; i < fit.weights.size(); ++i) {
+    const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
+    const double weight = loss.Weight(s);
+    has_changed = has_changed || weight != fit.weights[i];
+    fit.weights[i] = weight;
+  }
+  return has_changed;
 }
 
-// Reweighted least squares from the weights of a fit, with a limit of the loss that starts at
-// `limit`; 0: at the largest innovation.
+}  // namespace
+
 void Reweight(const SplineModel& model, const TrajectoryScales& scales, double limit,
               FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
@@ -69,8 +75,11 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales, double l
       limit = final_limit;
       --left;
     }
-    for (double& value : s) value = TruncatedLoss{limit}.Weight(value);
-    const double change = LargestDifference(s, fit.weights);
+    double change = 0.0;
+    for (std::size_t i = 0; i < s.size(); ++i) {
+      s[i] = TruncatedLoss{limit}.Weight(s[i]);
+      change = std::max(change, std::abs(s[i] - fit.weights[i]));
+    }
     // The scales are so wrong that no measurement fits: keep the last weights.
     if (*std::max_element(s.begin(), s.end()) == 0.0) break;
     std::swap(fit.weights, s);
@@ -79,29 +88,10 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales, double l
   }
 }
 
-// Sets the weights to those of the residuals at the control points. Returns true if any changes.
-bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& fit) {
-  bool has_changed = false;
-  for (std::size_t i = 0; i < fit.weights.size(); ++i) {
-    const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
-    const double weight = loss.Weight(s);
-    has_changed = has_changed || weight != fit.weights[i];
-    fit.weights[i] = weight;
-  }
-  return has_changed;
-}
-
-}  // namespace
-
 void FitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
                SplineFit& fit) {
   fit.weights.assign(model.measurements.size(), 1.0);
   Reweight(model, scales, 0.0, memory, fit);
-}
-
-void RefitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
-                 SplineFit& fit) {
-  Reweight(model, scales, LossOf(scales).squared_limit, memory, fit);
 }
 
 MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,

@@ -80,10 +80,10 @@ inline TruncatedLoss LossOf(const TrajectoryScales& scales) {
 void FitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
                SplineFit& fit);
 
-// Same as FitRobust(), starting from a fit of nearly the same model at these scales, so that most
-// outliers are known.
-void RefitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
-                 SplineFit& fit);
+// Same from the weights of a fit, with a limit that starts at `limit`; 0: at the largest
+// innovation. From a fit of nearly the same model, most of whose outliers are known: at the last.
+void Reweight(const SplineModel& model, const TrajectoryScales& scales, double limit,
+              FitMemory& memory, SplineFit& fit);
 
 // Moves a nearly converged fit to the robust minimum, with the loss of the residuals, not of the
 // innovations. The loss is concave in s, so that the squares reweighted at a point majorise it

@@ -10,7 +10,6 @@
 #include "collection/frame_timing.hpp"
 #include "collection/sensor_biases.hpp"
 #include "collection/spots.hpp"
-#include "collection/visibility.hpp"
 #include "trajectory/sampling.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
@@ -47,42 +46,65 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const St
   return m;
 }
 
-// Only the side of a body that faces the sensor is seen, so the centre lies behind the mean of the
-// returns. Measurements of stations with different viewpoints are compared, and fitted, as seen
-// from the main sensor.
-class FacingSide {
+// Expected returns of a target per frame of a sensor, which fall with the square of range.
+// Estimated from the frames near the time, with the mean of the whole flight as the prior.
+class Visibility {
  public:
-  FacingSide(const Recording& recording, const std::vector<StationModel>& station_models,
-             std::size_t main_sensor, double share)
-      : share_(share) {
+  // `returns`: the target's, ascending.
+  Visibility(const Recording& recording, const std::vector<StationModel>& station_models,
+             const Trajectory& trajectory, const std::vector<std::uint32_t>& returns)
+      : sensors_(station_models.size()) {
     for (const FrameInfo& frame : recording.frames) {
-      if (frame.sensor != main_sensor) continue;
-      viewpoints_.push_back({frame.middle_ns(), ViewpointM(station_models[main_sensor], frame)});
+      const auto first = std::lower_bound(returns.begin(), returns.end(), frame.first_return);
+      const auto num_returns =
+          static_cast<double>(std::lower_bound(first, returns.end(), frame.last_return) - first);
+      const TimeNs time_ns = frame.middle_ns();
+      const bool is_within = trajectory.begin_ns() <= time_ns && time_ns <= trajectory.end_ns();
+      if (!is_within && num_returns == 0.0) continue;
+      const double per_m2 =
+          PerM2(RayM(station_models[frame.sensor], frame, trajectory.At(time_ns).position_m));
+      Sensor& sensor = sensors_[frame.sensor];
+      sensor.exposures.push_back({time_ns, num_returns, per_m2});
+      sensor.num_returns += num_returns;
+      sensor.per_m2 += per_m2;
     }
-    std::sort(viewpoints_.begin(), viewpoints_.end(), By(&TimedViewpoint::time_ns));
+    for (Sensor& sensor : sensors_) {
+      std::sort(sensor.exposures.begin(), sensor.exposures.end(), By(&FrameExposure::time_ns));
+    }
   }
 
-  // Offset of the centre from the mean of the returns that the main sensor sees.
-  Eigen::Vector3d DepthM(TimeNs time_ns, const Eigen::Vector3d& place_m,
-                         double body_sigma_m) const {
-    return DepthFrom(NearestViewpointM(viewpoints_, time_ns), place_m, body_sigma_m);
-  }
-
-  // Offset from the mean that is seen from a viewpoint to that of the main sensor; zero from its
-  // own.
-  Eigen::Vector3d OffsetM(TimeNs time_ns, const Eigen::Vector3d& viewpoint_m,
-                          const Eigen::Vector3d& place_m, double body_sigma_m) const {
-    return DepthFrom(viewpoint_m, place_m, body_sigma_m) - DepthM(time_ns, place_m, body_sigma_m);
+  // Constant beyond the ends of the trajectory but for range.
+  double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
+                         const Eigen::Vector3d& ray_m) const {
+    constexpr TimeNs kReachNs = 1'000'000'000;
+    const Sensor& sensor = sensors_[sensor_index];
+    if (sensor.exposures.empty()) return kJeffreysCount;
+    double num_returns = kJeffreysCount;
+    double per_m2 = kJeffreysCount * sensor.per_m2 / (sensor.num_returns + kJeffreysCount);
+    const TimeNs near_ns =
+        std::clamp(time_ns, sensor.exposures.front().time_ns, sensor.exposures.back().time_ns);
+    auto exposure = FirstFrom(sensor.exposures, &FrameExposure::time_ns, near_ns - kReachNs);
+    for (; exposure != sensor.exposures.end() && exposure->time_ns <= near_ns + kReachNs;
+         ++exposure) {
+      num_returns += exposure->num_returns;
+      per_m2 += exposure->per_m2;
+    }
+    return num_returns / per_m2 * PerM2(ray_m);
   }
 
  private:
-  Eigen::Vector3d DepthFrom(const Eigen::Vector3d& viewpoint_m, const Eigen::Vector3d& place_m,
-                            double body_sigma_m) const {
-    return FacingSideOffsetM(body_sigma_m, place_m - viewpoint_m, share_);
-  }
+  struct FrameExposure {
+    TimeNs time_ns;
+    double num_returns;
+    double per_m2;
+  };
+  struct Sensor {
+    std::vector<FrameExposure> exposures;  // in order of time
+    double num_returns = 0.0;
+    double per_m2 = 0.0;
+  };
 
-  std::vector<TimedViewpoint> viewpoints_;  // of the main sensor, in order of time
-  double share_;
+  std::vector<Sensor> sensors_;
 };
 
 // A return that is likelier to be the target's than clutter of its surroundings.
@@ -174,14 +196,6 @@ AssignedReturns AssignReturns(const Recording& recording, const GatedFrame& gate
   return members;
 }
 
-std::vector<std::uint32_t> ReturnsOf(const std::vector<GatedFrame>& gated_frames) {
-  std::vector<std::uint32_t> returns;
-  for (const GatedFrame& gated : gated_frames) {
-    for (const Candidate& candidate : gated.candidates) returns.push_back(candidate.index);
-  }
-  return returns;
-}
-
 }  // namespace
 
 Target CollectTarget(const Recording& recording, const std::vector<StationModel>& station_models,
@@ -194,15 +208,33 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   for (const Plot& plot : path) {
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
   }
-  const std::size_t main_sensor = MainSensor(returns);
-  const FacingSide facing(recording, station_models, main_sensor, config.centroid_offset);
+  const auto main_sensor =
+      static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) - returns.begin());
+  std::vector<TimedViewpoint> main_viewpoints;
+  for (const FrameInfo& frame : recording.frames) {
+    if (frame.sensor != main_sensor) continue;
+    main_viewpoints.push_back({frame.middle_ns(), ViewpointM(station_models[main_sensor], frame)});
+  }
+  std::sort(main_viewpoints.begin(), main_viewpoints.end(), By(&TimedViewpoint::time_ns));
+  // Only the side of a body that faces the sensor is seen, so the centre lies behind the mean of
+  // the returns. Measurements of stations with different viewpoints are compared, and fitted, as
+  // seen from the main sensor.
+  const auto depth_m = [&](TimeNs time_ns, const Eigen::Vector3d& place_m) {
+    return FacingSideOffsetM(body.width_m, place_m - NearestViewpointM(main_viewpoints, time_ns),
+                             config.centroid_offset);
+  };
+  // Offset from the mean that is seen in a frame to that of the main sensor; zero in its own.
+  const auto facing_offset_m = [&](const FrameInfo& frame, const Eigen::Vector3d& place_m) {
+    const Eigen::Vector3d ray_m = RayM(station_models[frame.sensor], frame, place_m);
+    return Eigen::Vector3d(FacingSideOffsetM(body.width_m, ray_m, config.centroid_offset) -
+                           depth_m(frame.middle_ns(), place_m));
+  };
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, station_models[frame.sensor],
                                           plot.returns, Eigen::Vector3d::Zero(), body));
     Eigen::Vector3d& position_m = target.measurements.back().position_m;
-    position_m += facing.OffsetM(frame.middle_ns(), ViewpointM(station_models[frame.sensor], frame),
-                                 position_m, body.width_m);
+    position_m += facing_offset_m(frame, position_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::stable_sort(target.measurements.begin(), target.measurements.end(),
@@ -236,8 +268,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
       expected.time_ns = middle_ns;  // on the sensor's clock
       expected.position_m += sensor_bias.bias_m;
-      const Eigen::Vector3d facing_m =
-          facing.OffsetM(middle_ns, ViewpointM(station, frame), expected.position_m, body.width_m);
+      const Eigen::Vector3d facing_m = facing_offset_m(frame, expected.position_m);
       expected.position_m -= facing_m;
       const double returns_per_frame = visibility.ReturnsPerFrame(
           frame.sensor, middle_ns, RayM(station, frame, expected.position_m));
@@ -247,8 +278,13 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
                        body, NsOf(robust.tracker.max_gap_s))});
     }
     std::optional<Spots> spots;
-    if (robust.Uses(Rule::kSpots))
-      spots.emplace(recording, station_models, ReturnsOf(gated_frames));
+    if (robust.Uses(Rule::kSpots)) {
+      std::vector<std::uint32_t> gated_returns;
+      for (const GatedFrame& gated : gated_frames) {
+        for (const Candidate& one : gated.candidates) gated_returns.push_back(one.index);
+      }
+      spots.emplace(recording, station_models, gated_returns);
+    }
     Target next;
     for (const GatedFrame& gated : gated_frames) {
       const auto [members, log_ratio] = AssignReturns(recording, gated, spots);
@@ -287,7 +323,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   }
   // Measurements are moved from the facing side to the centre of the body.
   for (Measurement& m : target.measurements) {
-    m.position_m += facing.DepthM(m.time_ns, m.position_m, body.width_m);
+    m.position_m += depth_m(m.time_ns, m.position_m);
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // All delays are relative to the main sensor.

@@ -18,11 +18,6 @@ void RemoveBiases(const std::vector<SensorBias>& biases,
   }
 }
 
-std::size_t MainSensor(const std::vector<int>& returns) {
-  return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
-                                  returns.begin());
-}
-
 SensorComparison::SensorComparison(const CollectConfig& config, std::size_t max_differences)
     : prior_(Eigen::Matrix4d::Identity()), max_differences_(max_differences) {
   prior_.topLeftCorner<3, 3>() /= Square(config.sensor_bias_m);

@@ -40,9 +40,6 @@ struct SensorBias {
 void RemoveBiases(const std::vector<SensorBias>& biases,
                   std::vector<SensorMeasurement>* measurements);
 
-// Returns the sensor with the most returns (sensors), the first among equals.
-std::size_t MainSensor(const std::vector<int>& returns);
-
 // Compares the sensors that see a target with each other.
 class SensorComparison {
  public:

@@ -69,8 +69,8 @@ bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames, 
 }
 
 std::vector<Persistence> PersistencesOf(const Recording& recording, const std::vector<Plot>& plots,
-                                        const RangeRadius& place) {
-  StaticPlaces static_places(place);
+                                        const RobustConfig& config) {
+  StaticPlaces static_places(config.background.place);
   for (const Plot& plot : plots) static_places.Add(plot.position_m.cast<float>(), plot.frame);
   std::vector<Persistence> persistences(plots.size(), Persistence::kIncidental);
   for (std::size_t i = 0; i < plots.size(); ++i) {
@@ -78,6 +78,7 @@ std::vector<Persistence> PersistencesOf(const Recording& recording, const std::v
     if (!static_places.IsStatic(place_m)) continue;
     const RangeGrid& places = static_places.places();
     const bool is_transient =
+        config.Uses(Rule::kTransient) &&
         IsTransient(places.Count(place_m), recording.frames, places.SpanOf(place_m));
     persistences[i] = is_transient ? Persistence::kTransient : Persistence::kPersistent;
   }
@@ -123,49 +124,34 @@ struct Neighbours {
 
 constexpr double kOuterReachFactor = 5.0;  // radius of the surroundings over the reach
 
-// Counts the static plots around an unsupported one.
-class NeighbourCount {
- public:
-  NeighbourCount(const Eigen::Vector3d& position_m, double reach_m)
-      : position_m_(position_m), reach_m_(reach_m), outer_m_(kOuterReachFactor * reach_m) {}
-
-  // Adds the places of a node: all at once where the nearest and the farthest point of its box are
-  // counted alike.
-  void Add(const PointTree<double>& places_m, std::uint32_t id) {
-    const PointTree<double>::Node& node = places_m.nodes()[id];
-    const Eigen::Vector3d below_m = position_m_ - node.low_m;
-    const Eigen::Vector3d above_m = node.high_m - position_m_;
-    const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
-    const double farthest_m = below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm();
-    if (nearest_m >= outer_m_) return;
-    std::int32_t* const count = CountAt(nearest_m);
-    if (count == CountAt(farthest_m) && farthest_m < outer_m_) {
-      *count += static_cast<std::int32_t>(node.end - node.begin);
-    } else if (node.IsLeaf()) {
-      for (std::uint32_t i = node.begin; i < node.end; ++i) {
-        const double distance_m = (position_m_ - places_m.points_m()[i]).norm();
-        if (distance_m < outer_m_) ++*CountAt(distance_m);
-      }
-    } else {
-      Add(places_m, node.left);
-      Add(places_m, node.right);
+// Counts the static plots of a node around an unsupported one: all at once where the nearest and
+// the farthest point of its box are counted alike.
+void CountNeighbours(const PointTree<double>& places_m, std::uint32_t id,
+                     const Eigen::Vector3d& position_m, double reach_m, Neighbours* sum) {
+  const double outer_m = kOuterReachFactor * reach_m;
+  const auto count_at = [&](double distance_m) {
+    if (distance_m <= kObjectRadiusM) return &sum->self;
+    return distance_m < reach_m ? &sum->neighbouring : &sum->surrounding;
+  };
+  const PointTree<double>::Node& node = places_m.nodes()[id];
+  const Eigen::Vector3d below_m = position_m - node.low_m;
+  const Eigen::Vector3d above_m = node.high_m - position_m;
+  const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
+  const double farthest_m = below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm();
+  if (nearest_m >= outer_m) return;
+  std::int32_t* const count = count_at(nearest_m);
+  if (count == count_at(farthest_m) && farthest_m < outer_m) {
+    *count += static_cast<std::int32_t>(node.end - node.begin);
+  } else if (node.IsLeaf()) {
+    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+      const double distance_m = (position_m - places_m.points_m()[i]).norm();
+      if (distance_m < outer_m) ++*count_at(distance_m);
     }
+  } else {
+    CountNeighbours(places_m, node.left, position_m, reach_m, sum);
+    CountNeighbours(places_m, node.right, position_m, reach_m, sum);
   }
-
-  const Neighbours& neighbours() const { return neighbours_; }
-
- private:
-  // The count of the plots at a distance within the surroundings.
-  std::int32_t* CountAt(double distance_m) {
-    if (distance_m <= kObjectRadiusM) return &neighbours_.self;
-    return distance_m < reach_m_ ? &neighbours_.neighbouring : &neighbours_.surrounding;
-  }
-
-  const Eigen::Vector3d& position_m_;
-  double reach_m_;
-  double outer_m_;
-  Neighbours neighbours_{1};
-};
+}
 
 // The neighbours of unsupported static plots, by place.
 using NeighbourTable = ShellTable<Neighbours>;
@@ -184,12 +170,13 @@ NeighbourTable NeighboursOf(const std::vector<Plot>& plots,
     if (!plot.is_floating) continue;
     const Eigen::Vector3f place_m = plot.position_m.cast<float>();
     const bool is_transient = persistences[i] == Persistence::kTransient;
-    NeighbourCount count(plot.position_m, support.ReachM(place_m, is_transient));
+    const double reach_m = support.ReachM(place_m, is_transient);
+    Neighbours own{1};
     for (auto at = first; at != all_static.end() && at->time_ns <= to_ns; ++at) {
-      count.Add(at->places_m, 0);
+      CountNeighbours(at->places_m, 0, plot.position_m, reach_m, &own);
     }
-    table.VisitOverlappingShells(
-        {&place_m, 1}, {}, [&](std::size_t, Neighbours& sum, bool) { sum += count.neighbours(); });
+    table.VisitOverlappingShells({&place_m, 1}, {},
+                                 [&](std::size_t, Neighbours& sum, bool) { sum += own; });
   }
   return table;
 }
@@ -213,12 +200,7 @@ bool HasNeighbours(const NeighbourTable& table, const Eigen::Vector3f& place_m) 
 void MarkFloating(const Recording& recording, const Support& support, const RobustConfig& config,
                   std::vector<Plot>* plots) {
   if (plots->empty()) return;
-  std::vector<Persistence> persistences =
-      PersistencesOf(recording, *plots, config.background.place);
-  if (!config.Uses(Rule::kTransient)) {
-    std::replace(persistences.begin(), persistences.end(), Persistence::kTransient,
-                 Persistence::kPersistent);
-  }
+  const std::vector<Persistence> persistences = PersistencesOf(recording, *plots, config);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.is_floating = persistences[i] != Persistence::kIncidental &&

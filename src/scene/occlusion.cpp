@@ -95,10 +95,13 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
     const auto at = static_cast<std::size_t>(slot);
     const CarrierPose& carrier = carriers_[at];
     const Eigen::Vector3f ray_m = place_m - carrier.shift_m;
-    if (ray_m.norm() > farthest_m ||
-        !field_of_view_.Contains(carrier.rotation.conjugate() * ray_m)) {
+    const float range_m = ray_m.norm();
+    if (range_m > farthest_m || !field_of_view_.Contains(carrier.rotation.conjugate() * ray_m)) {
       Insert(slot, newest, &hidden.unseen);
-    } else if (IsBehind(at, ray_m)) {
+      continue;
+    }
+    const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
+    if (row != kNone && IsNearer(depths_[row + at], range_m)) {
       Insert(slot, newest, &hidden.behind);
     }
   }
@@ -118,11 +121,6 @@ void Occlusion::Insert(int slot, std::int64_t newest, RecentBins* bins) const {
 
 const Eigen::Vector3f& Occlusion::ViewpointM() const {
   return carriers_[SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
-}
-
-bool Occlusion::IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const {
-  const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
-  return row != kNone && IsNearer(depths_[row + slot], ray_m.norm());
 }
 
 }  // namespace unlidar

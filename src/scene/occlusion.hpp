@@ -43,7 +43,6 @@ class Occlusion {
  private:
   void FinishBin();
   void Insert(int slot, std::int64_t newest, RecentBins* bins) const;
-  bool IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const;
 
   DirectionCells cells_;
   std::int64_t bin_ = -1;

@@ -208,35 +208,28 @@ void Occupancy::Judge(PointsView points_m, std::int64_t bin, const OwnVoxels& vo
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
   places_.VisitOwn(points_m, voxels, [&](std::size_t i, Place& place) {
-    (*verdicts)[i] = JudgeAt(&place, points_m[i], bin, scene, floats, is_target);
+    Verdict& verdict = (*verdicts)[i];
+    const bool is_valid = IsValid(place, bin);
+    if (!is_valid) JudgeAnew(points_m[i], static_cast<int>(age), &place);
+    // The verdict may be older than this return, which extends the dwell.
+    place.dwell_last = std::max(place.dwell_last, static_cast<std::int32_t>(bin));
+    verdict.is_structure = place.is_structure;
+    verdict.place_rate = place.place_rate;
+    verdict.stray_rate = place.stray_rate;
+    if (!IsLong(place)) verdict.dwell_begin_bin = place.dwell_first;
+    if (!verdict.is_structure) return;
+    // Tested with each new verdict only: a new scene would have all places tested at once.
+    if ((!is_valid || place.scene == kNoScene) && std::exchange(place.scene, scene) != scene) {
+      place.floats = floats(points_m[i]);
+    }
+    verdict.floats = place.floats;
+    // A dwell that began with a known target is the target.
+    if (place.is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&
+        is_target(points_m[i], *verdict.dwell_begin_bin)) {
+      verdict.is_structure = place.is_structure = place.is_supporter = false;
+      place.valid_until = newest_ - 1;
+    }
   });
-}
-
-Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point_m,
-                                      std::int64_t bin, int scene, const FloatsIn& floats,
-                                      const IsTargetSince& is_target) {
-  Verdict verdict;
-  const bool is_valid = IsValid(*place, bin);
-  if (!is_valid) JudgeAnew(point_m, static_cast<int>(newest_ - bin), place);
-  // The verdict may be older than this return, which extends the dwell.
-  place->dwell_last = std::max(place->dwell_last, static_cast<std::int32_t>(bin));
-  verdict.is_structure = place->is_structure;
-  verdict.place_rate = place->place_rate;
-  verdict.stray_rate = place->stray_rate;
-  if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;
-  if (!verdict.is_structure) return verdict;
-  // Tested with each new verdict only: a new scene would have all places tested at once.
-  if ((!is_valid || place->scene == kNoScene) && std::exchange(place->scene, scene) != scene) {
-    place->floats = floats(point_m);
-  }
-  verdict.floats = place->floats;
-  // A dwell that began with a known target is the target.
-  if (place->is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&
-      is_target(point_m, *verdict.dwell_begin_bin)) {
-    verdict.is_structure = place->is_structure = place->is_supporter = false;
-    place->valid_until = newest_ - 1;
-  }
-  return verdict;
 }
 
 // True if the dwell may reach beyond the window.
@@ -260,11 +253,6 @@ void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
   });
 }
 
-// Structure by evidence, or by want of it where the place was hit for most of the time.
-bool Occupancy::Lasts(const Place& place) const {
-  return place.is_structure && (!place.is_unknown || 2 * place.hits.Size() > observed_.Size());
-}
-
 // In the first seconds a place with few hits may be a pole. A place that an object has left is no
 // longer hit.
 void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m,
@@ -277,7 +265,9 @@ void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m,
     const bool is_supporter = is_young && !place.is_structure
                                   ? newest_ - place.bin + place.hits.Youngest() <= max_break_
                                   : place.is_supporter;
-    const bool lasts = Lasts(place);
+    // Structure by evidence, or by want of it where the place was hit for most of the time.
+    const bool lasts =
+        place.is_structure && (!place.is_unknown || 2 * place.hits.Size() > observed_.Size());
     if (!is_supporter && !lasts) return;
     points_m->push_back(place.point_m);
     are_lasting->push_back(lasts ? 1 : 0);

@@ -127,8 +127,6 @@ class Occupancy {
 
   void CountFrame(std::int64_t bin);
   double MinExposed() const;
-  Verdict JudgeAt(Place* place, const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
-                  const FloatsIn& floats, const IsTargetSince& is_target);
   void Age(Place* place) const;
   RecentBins HitsOf(const Place& place) const;  // up to the newest bin
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
@@ -140,7 +138,6 @@ class Occupancy {
   bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
-  bool Lasts(const Place& place) const;
   bool IsValid(const Place& place, std::int64_t bin) const;
   static int ChanceOf(const Place& place);
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;

@@ -88,14 +88,14 @@ void RangeGrid::VisitBins(const Profile& profile, const Visit& visit) const {
 
 // Sums `count_of(profile)` over the neighbourhood of a point, unless it is known.
 template <class CountOf>
-std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins,
-                                   Counted CountedTwice::*which, const CountOf& count_of) const {
+std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins, std::size_t which,
+                                   const CountOf& count_of) const {
   Counted* known = nullptr;
   std::uint32_t voxel = VoxelNumbers::kNone;
   if (count_cache_ == CountCache::kPerVoxel) voxel = places_.NumberOf(point_m);
   if (voxel != VoxelNumbers::kNone) {
     if (counted_.empty()) counted_.resize(kNumCounted);
-    known = &(counted_[voxel % kNumCounted].*which);
+    known = &counted_[voxel % kNumCounted][which];
     if (known->version == version_ && known->voxel == voxel && known->bins == bins) {
       return static_cast<std::uint32_t>(known->count);
     }
@@ -107,12 +107,11 @@ std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
-  return SumAround(point_m, {}, &CountedTwice::all,
-                   [](const Profile& profile) { return profile.total; });
+  return SumAround(point_m, {}, 0, [](const Profile& profile) { return profile.total; });
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
-  return SumAround(point_m, bins, &CountedTwice::some, [&](const Profile& profile) {
+  return SumAround(point_m, bins, 1, [&](const Profile& profile) {
     std::int32_t sum = 0;
     VisitBins(profile, [&](const BinCount& at) {
       if (at.bin < bins.first) return false;

@@ -73,26 +73,22 @@ class RangeGrid {
     BinRange bins;
   };
 
-  // Last counts that were computed: of all bins and of some.
-  struct CountedTwice {
-    Counted all;
-    Counted some;
-  };
   static constexpr std::size_t kNumCounted = 2048;  // more voxels than a frame has strays
 
   template <class Visit>
   void VisitBins(const Profile& profile, const Visit& visit) const;
   template <class CountOf>
-  std::uint32_t SumAround(const Eigen::Vector3f& point_m, BinRange bins,
-                          Counted CountedTwice::*which, const CountOf& count_of) const;
+  std::uint32_t SumAround(const Eigen::Vector3f& point_m, BinRange bins, std::size_t which,
+                          const CountOf& count_of) const;
   std::uint32_t NewBinCount(const BinCount& value);
   void Free(std::uint32_t first);
   void NoteChange();
 
   CountCache count_cache_;
   ShellTable<Profile> places_;
-  std::uint32_t version_ = 1;                  // counts up with each change
-  mutable std::vector<CountedTwice> counted_;  // by the number of the voxel modulo kNumCounted
+  std::uint32_t version_ = 1;  // counts up with each change
+  // The last that were computed, of all bins and of some, by the voxel modulo kNumCounted.
+  mutable std::vector<std::array<Counted, 2>> counted_;
   // All but the latest, of all voxels: a grid that forgets as much as it adds needs no memory.
   BlockQueue<BinCount> bin_counts_;
   std::uint32_t free_ = kNone;  // first of those that are free, linked like the bins of a voxel

@@ -84,7 +84,12 @@ class ShellTable {
   template <class Visit>
   void VisitOwn(PointsView points_m, const OwnVoxels& own, const Visit& visit) {
     if (own.numbers.size() == points_m.size() && own.num_erasures == num_erasures_) {
-      return VisitKnown(own.numbers, visit);
+      for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+        const std::size_t end = std::min(begin + kPartSize, points_m.size());
+        for (std::size_t i = begin; i < end; ++i) PrefetchValue(own.numbers[i]);
+        for (std::size_t i = begin; i < end; ++i) visit(i, values_[own.numbers[i]]);
+      }
+      return;
     }
     const auto touch = [&](std::size_t i) {
       const Home home = HomeOf(points_m[i]);
@@ -238,16 +243,6 @@ class ShellTable {
       for (const Touched& touched : touched_) {
         if (touched.number != VoxelNumbers::kNone) visit(touched);
       }
-    }
-  }
-
-  // Calls visit(i, value) for the voxel of each point i.
-  template <class Visit>
-  void VisitKnown(const std::vector<std::uint32_t>& numbers, const Visit& visit) {
-    for (std::size_t begin = 0; begin < numbers.size(); begin += kPartSize) {
-      const std::size_t end = std::min(begin + kPartSize, numbers.size());
-      for (std::size_t i = begin; i < end; ++i) PrefetchValue(numbers[i]);
-      for (std::size_t i = begin; i < end; ++i) visit(i, values_[numbers[i]]);
     }
   }
 

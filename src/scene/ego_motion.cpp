@@ -42,11 +42,6 @@ std::size_t RasterIndex(int x, int y) {
   return static_cast<std::size_t>((x + kRasterReach) * kRasterSide + y + kRasterReach);
 }
 
-bool AreConsistent(const EgoMotion::Motion& a, const EgoMotion::Motion& b) {
-  return (a.velocity_mps - b.velocity_mps).norm() <= kMaxChangeMps &&
-         std::abs(a.turn_deg_per_s - b.turn_deg_per_s) <= kMaxChangeDegPerS;
-}
-
 }  // namespace
 
 EgoMotion::EgoMotion()
@@ -106,7 +101,12 @@ void EgoMotion::EndSnapshot() {
   ResetHeights();
   std::optional<Motion> motion;
   for (const TimeNs lag_ns : kLagsNs) {
-    const Snapshot* const earlier = SnapshotBefore(snapshot.time_ns - lag_ns, lag_ns / 5);
+    // The newest snapshot of this time before the one just ended.
+    const Snapshot* earlier = nullptr;
+    for (std::size_t i = snapshots_.size() - 1; i-- > 0 && earlier == nullptr;) {
+      const TimeNs apart_ns = snapshots_[i].time_ns - (snapshot.time_ns - lag_ns);
+      if (std::abs(apart_ns) <= lag_ns / 5) earlier = &snapshots_[i];
+    }
     if (earlier == nullptr || motion) continue;
     if (std::min(snapshot.cells.count(), earlier->cells.count()) < kMinSharedCells) continue;
     const Match match = MatchOf(snapshot, *earlier);
@@ -114,43 +114,28 @@ void EgoMotion::EndSnapshot() {
       motion = match.motion;
     }
   }
-  const bool is_consistent = motion && moving_snapshots_ > 0 && AreConsistent(*motion, motion_);
+  const bool is_consistent =
+      motion && moving_snapshots_ > 0 &&
+      (motion->velocity_mps - motion_.velocity_mps).norm() <= kMaxChangeMps &&
+      std::abs(motion->turn_deg_per_s - motion_.turn_deg_per_s) <= kMaxChangeDegPerS;
   moving_snapshots_ = motion ? (is_consistent ? moving_snapshots_ + 1 : 1) : 0;
   motion_ = motion.value_or(Motion());
   if (moving_snapshots_ >= kSnapshotsToConfirm) found_ = motion;
 }
 
-// Returns the newest snapshot of this time, within the tolerance, before the one just ended; null
-// if there is none.
-const EgoMotion::Snapshot* EgoMotion::SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const {
-  for (std::size_t number = snapshots_.size() - 1; number > 0; --number) {
-    const Snapshot& snapshot = snapshots_[number - 1];
-    if (std::abs(snapshot.time_ns - time_ns) <= tolerance_ns) return &snapshot;
-  }
-  return nullptr;
-}
-
-// Dilates by one cell: rays do not hit the same place twice.
-void EgoMotion::Rasterise(const Snapshot& snapshot) {
-  std::fill(raster_.begin(), raster_.end(), 0);
-  for (int x = -kReach; x < kReach; ++x) {
-    for (int y = -kReach; y < kReach; ++y) {
-      if (!snapshot.cells[CellAt(x, y)]) continue;
-      for (int i = x - 1; i <= x + 1; ++i) {
-        for (int j = y - 1; j <= y + 1; ++j) raster_[RasterIndex(i, j)] = 1;
-      }
-    }
-  }
-}
-
 EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& earlier) {
-  Rasterise(earlier);
+  std::fill(raster_.begin(), raster_.end(), 0);
   const std::size_t step = (snapshot.cells.count() + kMaxCells - 1) / kMaxCells;
   sampled_.clear();
   std::size_t number = 0;
   for (int x = -kReach; x < kReach; ++x) {
     for (int y = -kReach; y < kReach; ++y) {
       if (snapshot.cells[CellAt(x, y)] && number++ % step == 0) sampled_.push_back({x, y});
+      if (!earlier.cells[CellAt(x, y)]) continue;
+      // Dilated by one cell: rays do not hit the same place twice.
+      for (int i = x - 1; i <= x + 1; ++i) {
+        for (int j = y - 1; j <= y + 1; ++j) raster_[RasterIndex(i, j)] = 1;
+      }
     }
   }
   transformed_ = sampled_;

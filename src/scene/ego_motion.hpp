@@ -69,8 +69,6 @@ class EgoMotion {
   void Collect(PointsView points_m, const Eigen::Vector3f& origin_m);
   void ResetHeights();
   void EndSnapshot();
-  const Snapshot* SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const;
-  void Rasterise(const Snapshot& snapshot);
   Match MatchOf(const Snapshot& snapshot, const Snapshot& earlier);
 
   std::optional<TimeNs> last_ns_;

@@ -180,8 +180,6 @@ void ClutterMap::Forget(std::uint32_t before_bin) {
   for (RangeGrid& level : levels_) level.Forget(before_bin);
 }
 
-ClutterModel::Sensor::Sensor() : spots(kSpotRadius) {}
-
 ClutterModel::ClutterModel(const RobustConfig& config)
     : num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1),
       knows_squalls_(config.Uses(Rule::kSurge)) {}

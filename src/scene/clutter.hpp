@@ -146,15 +146,13 @@ class ClutterModel {
   };
 
   struct Sensor {
-    Sensor();
-
     std::uint32_t num_frames = 0;
     std::uint32_t num_plots = 0;
     std::uint32_t first_bin = 0;  // earlier ones are forgotten
     Queue<FrameCount> by_bin;     // ascending
     ClutterMap around;
-    ClutterMap along;  // while it travels, in the axes of its carrier
-    RangeGrid spots;   // of static objects
+    ClutterMap along;              // while it travels, in the axes of its carrier
+    RangeGrid spots{kSpotRadius};  // of static objects
   };
 
   static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }

@@ -43,10 +43,18 @@ double Quantile(Number* begin, Number* end, double share) {
 }  // namespace
 
 void Ground::Fit(const PointsView& points_m) {
-  exists_ = false;
-  plane_.setZero();
   SetHeights(points_m);
-  FitPlane();
+  // From a bank or a hill most of the view lies lower, on another plane, so a plane of the near
+  // cells is tried as well.
+  Plane plane = PlaneOf(std::numeric_limits<double>::infinity());
+  const Plane near = PlaneOf(kNearM);
+  if (near.support > kMinSupportRatio * plane.support) plane = near;
+  plane_ = plane.coefficients;
+  support_ = plane.support;
+  // Ground is seen from above. A plane higher than the station, by more than its roughness, is one
+  // of crowns of trees or of lower edges of walls.
+  const bool is_below_station = plane_.x() < kPlaneBandM;
+  exists_ = plane.support > 0.0 && is_below_station && plane_.tail<2>().norm() < max_slope_;
 }
 
 void Ground::SetHeights(const PointsView& points_m) {
@@ -78,20 +86,6 @@ void Ground::SetHeights(const PointsView& points_m) {
   std::sort(known_.begin(), known_.end(), [&](std::uint32_t a, std::uint32_t b) {
     return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
   });
-}
-
-// From a bank or a hill most of the view lies lower, on another plane, so a plane of the near cells
-// is tried as well.
-void Ground::FitPlane() {
-  Plane plane = PlaneOf(std::numeric_limits<double>::infinity());
-  const Plane near = PlaneOf(kNearM);
-  if (near.support > kMinSupportRatio * plane.support) plane = near;
-  plane_ = plane.coefficients;
-  support_ = plane.support;
-  // Ground is seen from above. A plane higher than the station, by more than its roughness, is one
-  // of crowns of trees or of lower edges of walls.
-  const bool is_below_station = plane_.x() < kPlaneBandM;
-  exists_ = plane.support > 0.0 && is_below_station && plane_.tail<2>().norm() < max_slope_;
 }
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells

@@ -62,7 +62,6 @@ class Ground {
   Eigen::Vector3d MiddleOf(const Cell& cell) const;
   double DistanceM(const Cell& cell) const;  // from the station
   void SetHeights(const PointsView& points_m);
-  void FitPlane();
   Plane PlaneOf(double reach_m);
 
   // Fits the plane to the inliers, then makes all known cells within the band of it the inliers.

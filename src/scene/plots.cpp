@@ -76,23 +76,6 @@ bool IsBody(const Recording& recording, const FrameInfo& frame, const IndexView&
   return variances[1] > config.body_spread_m * config.body_spread_m;
 }
 
-BodyBox BoxOf(const Recording& recording, const IndexView& returns) {
-  const Eigen::Array3f first = recording.points_m[returns.front()].array();
-  BodyBox box{recording.times_ns[returns.front()], first, first};
-  for (const std::uint32_t i : returns) {
-    box.low_m = box.low_m.min(recording.points_m[i].array());
-    box.high_m = box.high_m.max(recording.points_m[i].array());
-  }
-  return box;
-}
-
-double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
-  const double beam_m = config.noise_per_range * range_m;
-  return config.noise_m * config.noise_m +
-         config.noise_per_return_m * config.noise_per_return_m / static_cast<double>(num_returns) +
-         beam_m * beam_m;
-}
-
 }  // namespace
 
 void SortByFrameTime(std::vector<Plot>* plots) {
@@ -195,9 +178,15 @@ RangeRadius FramePlotter::BodyLinkAmongStrays(const Recording& recording, const 
 
 void FramePlotter::AddBody(const Recording& recording, std::uint32_t first_return,
                            const IndexView& returns) {
-  for (const std::uint32_t i : returns) is_body_[i - first_return] = 1;
+  const Eigen::Array3f first = recording.points_m[returns.front()].array();
+  BodyBox box{recording.times_ns[returns.front()], first, first};
+  for (const std::uint32_t i : returns) {
+    is_body_[i - first_return] = 1;
+    box.low_m = box.low_m.min(recording.points_m[i].array());
+    box.high_m = box.high_m.max(recording.points_m[i].array());
+  }
   found_.body_returns.insert(found_.body_returns.end(), returns.begin(), returns.end());
-  found_.bodies.push_back(BoxOf(recording, returns));
+  found_.bodies.push_back(box);
 }
 
 FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
@@ -237,7 +226,11 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.frame_time_ns = frame.middle_ns();
     plot.streak_s = frame.is_timed ? 0.0 : SecondsOf(frame.end_ns - frame.begin_ns);
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
-    plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
+    const double beam_m = config.plots.noise_per_range * plot.position_m.norm();
+    plot.variance_m2 =
+        Square(config.plots.noise_m) +
+        Square(config.plots.noise_per_return_m) / static_cast<double>(returns.size()) +
+        Square(beam_m);
     plot.shift_m = frame.carrier.shift_m;
     plot.carrier_ray_m = frame.carrier.rotation.conjugate() * plot.ray_m.cast<float>();
     plot.column_m =

@@ -11,10 +11,10 @@ DepthMap::DepthMap(double cell_deg)
     : cells_(cell_deg), medians_m_(cells_.size(), std::numeric_limits<float>::infinity()) {
   const auto angle_of = [](double rad) { return Angle{rad, std::cos(rad), std::sin(rad)}; };
   for (std::size_t row = 0; row < cells_.rows(); ++row) {
-    elevations_.push_back(angle_of(cells_.ElevationRad(row)));
+    elevations_.push_back(angle_of(cells_.RowRad(row)));
   }
   for (std::size_t column = 0; column < cells_.columns(); ++column) {
-    azimuths_.push_back(angle_of(cells_.AzimuthRad(column)));
+    azimuths_.push_back(angle_of(cells_.ColumnRad(column)));
   }
 }
 

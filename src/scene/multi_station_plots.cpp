@@ -1,6 +1,5 @@
 #include "scene/multi_station_plots.hpp"
 
-#include <algorithm>
 #include <iterator>
 #include <utility>
 

@@ -5,7 +5,6 @@
 #include <tuple>
 
 #include "base/algorithms.hpp"
-#include "scene/field_of_view.hpp"
 
 namespace unlidar {
 namespace {

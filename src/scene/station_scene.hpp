@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "scene/ground.hpp"
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
 #include "scene/shell_table.hpp"

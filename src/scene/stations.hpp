@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -17,12 +18,31 @@ inline constexpr float kMaxStationRadiusM = 2.0F;
 class Stations {
  public:
   Stations() = default;
-  explicit Stations(const std::vector<SensorInfo>& sensors);
+  explicit Stations(const std::vector<SensorInfo>& sensors) {
+    for (std::uint32_t i = 0; i < sensors.size(); ++i) Add(i, sensors[i]);
+  }
 
   // Adds a sensor to the first station of its carrier whose viewpoint is within kMaxStationRadiusM.
   // Otherwise creates a station; its viewpoint is the common origin, about which most mounts are
   // calibrated, if within that radius, else the sensor's origin. Returns the index of the station.
-  std::size_t Add(std::uint32_t sensor, const SensorInfo& info);
+  std::size_t Add(std::uint32_t sensor, const SensorInfo& info) {
+    const auto is_near = [&](const Eigen::Vector3f& viewpoint_m) {
+      return (info.origin_m - viewpoint_m).norm() <= kMaxStationRadiusM;
+    };
+    std::size_t station = 0;
+    while (station < size() &&
+           !(carriers_[station] == info.carrier && is_near(viewpoints_m_[station]))) {
+      ++station;
+    }
+    if (station == size()) {
+      const Eigen::Vector3f common_m = Eigen::Vector3f::Zero();
+      viewpoints_m_.push_back(is_near(common_m) ? common_m : info.origin_m);
+      carriers_.push_back(info.carrier);
+    }
+    station_of_.resize(std::max<std::size_t>(station_of_.size(), sensor + 1U));
+    station_of_[sensor] = station;
+    return station;
+  }
 
   std::size_t size() const { return viewpoints_m_.size(); }
   const Eigen::Vector3f& ViewpointM(std::size_t station) const { return viewpoints_m_[station]; }

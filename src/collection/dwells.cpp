@@ -81,31 +81,28 @@ class PathEnd {
         num_returns += 1.0F;
       }
       if (!returns.empty()) {
-        dwell.push_back(PlotOf(first->frame, returns));
+        Plot& plot = dwell.emplace_back();
+        plot.frame = first->frame;
+        plot.sensor = recording_.frames[first->frame].sensor;
+        plot.time_ns = plot.frame_time_ns = first->time_ns;
+        plot.position_m = MeanOf(recording_, returns);
+        plot.num_returns = static_cast<std::uint32_t>(returns.size());
+        plot.returns = {returns.begin(), returns.end()};
         at_m += kSmoothing * (dwell.back().position_m.cast<float>() - at_m);
         time_ns = first->time_ns;
       }
       first = next;
     }
     const bool is_wide = (square_sum_m2 > num_returns * kMaxSpreadM * kMaxSpreadM).any();
-    if (is_wide || dwell.size() < kMinFrames || !HasEnoughBackground(dwell)) dwell.clear();
+    if (is_wide || dwell.size() < kMinFrames) return {};
+    // The background must have been observed for at least as many frames as the dwell spans.
+    const auto [begin, end] = std::minmax(dwell.front().frame, dwell.back().frame);
+    if (num_away_frames_ <= end - begin) return {};
     return dwell;
   }
 
  private:
   Eigen::Vector3f PointM(const Return& one) const { return recording_.points_m[one.index]; }
-
-  Plot PlotOf(std::uint32_t frame_index, const std::vector<std::uint32_t>& returns) const {
-    const FrameInfo& frame = recording_.frames[frame_index];
-    Plot plot;
-    plot.frame = frame_index;
-    plot.sensor = frame.sensor;
-    plot.time_ns = plot.frame_time_ns = frame.middle_ns();
-    plot.position_m = MeanOf(recording_, returns);
-    plot.num_returns = static_cast<std::uint32_t>(returns.size());
-    plot.returns = {returns.begin(), returns.end()};
-    return plot;
-  }
 
   // True if the target is known to be away from the place.
   bool IsTargetAway(const std::vector<Plot>& path, TimeNs time_ns) const {
@@ -127,12 +124,6 @@ class PathEnd {
       }
     }
     return false;
-  }
-
-  // True if the background was observed for at least as many frames as the dwell spans.
-  bool HasEnoughBackground(const std::vector<Plot>& dwell) const {
-    const auto [begin, end] = std::minmax(dwell.front().frame, dwell.back().frame);
-    return num_away_frames_ > end - begin;
   }
 
   const Recording& recording_;

@@ -17,36 +17,6 @@ constexpr RangeRadius kSpot{0.08, 0.002};
 // of the surroundings applies.
 constexpr double kReachM = 1.0;
 
-// Set of the voxels about some returns.
-class Neighbourhood {
- public:
-  Neighbourhood(const Recording& recording, const std::vector<std::uint32_t>& returns) {
-    for (const std::uint32_t i : returns) {
-      const Eigen::Vector3f& point_m = recording.points_m[i];
-      box_.extend(point_m);
-      const Voxel home = VoxelAt(point_m, kReachM);
-      for (int dx = -1; dx <= 1; ++dx) {
-        for (int dy = -1; dy <= 1; ++dy) {
-          for (int dz = -1; dz <= 1; ++dz) {
-            voxels_.FindOrAdd(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
-          }
-        }
-      }
-    }
-    const Eigen::Vector3f margin_m = Eigen::Vector3f::Constant(static_cast<float>(2.0 * kReachM));
-    box_ = {box_.min() - margin_m, box_.max() + margin_m};
-  }
-
-  bool Contains(const Eigen::Vector3f& point_m) const {
-    return box_.contains(point_m) &&
-           voxels_.Find(0, VoxelOf(point_m, kReachM)) != VoxelNumbers::kNone;
-  }
-
- private:
-  Eigen::AlignedBox3f box_;  // fast rejection of most returns
-  VoxelNumbers voxels_;
-};
-
 }  // namespace
 
 Spots::Spots(const Recording& recording, const std::vector<StationModel>& station_models,
@@ -60,13 +30,29 @@ Spots::Spots(const Recording& recording, const std::vector<StationModel>& statio
     bins.push_back(station.bins);
     grids_.emplace_back(kSpot);
   }
-  const Neighbourhood neighbourhood(recording, candidates);
+  VoxelNumbers voxels;      // about the candidates
+  Eigen::AlignedBox3f box;  // around these, for fast rejection of most returns
+  for (const std::uint32_t i : candidates) {
+    const Eigen::Vector3f& point_m = recording.points_m[i];
+    box.extend(point_m);
+    const Voxel home = VoxelAt(point_m, kReachM);
+    for (int dx = -1; dx <= 1; ++dx) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dz = -1; dz <= 1; ++dz) {
+          voxels.FindOrAdd(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
+        }
+      }
+    }
+  }
+  const Eigen::Vector3f margin_m = Eigen::Vector3f::Constant(static_cast<float>(2.0 * kReachM));
+  box = {box.min() - margin_m, box.max() + margin_m};
   for (const FrameInfo& frame : recording.frames) {
     const StationModel& station = station_models[frame.sensor];
     RangeGrid& grid = grids_[stations_[frame.sensor]];
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       const Eigen::Vector3f& point_m = recording.points_m[i];
-      if (!neighbourhood.Contains(point_m)) continue;
+      if (!box.contains(point_m)) continue;
+      if (voxels.Find(0, VoxelOf(point_m, kReachM)) == VoxelNumbers::kNone) continue;
       if (std::binary_search(candidates.begin(), candidates.end(), i)) continue;
       grid.Add(point_m - station.viewpoint_m, station.bins->BinOf(recording.times_ns[i]));
     }

@@ -19,11 +19,6 @@ constexpr std::size_t kMaxAttitudes = 64;
 constexpr float kMaxRestM = 0.05F;
 constexpr float kMaxRestRad = 2.2F * static_cast<float>(M_PI) / 180.0F;
 
-bool IsMoved(const CarrierPose& from, const CarrierPose& to) {
-  return (to.shift_m - from.shift_m).norm() > kMaxRestM ||
-         from.rotation.angularDistance(to.rotation) > kMaxRestRad;
-}
-
 }  // namespace
 
 FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen), sharp_rad_(kSharpRad) {
@@ -33,8 +28,19 @@ FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen), sharp_rad
 
 void FieldOfView::AddFrame(PointsView points_m, const CarrierPose& carrier) {
   if (!std::exchange(has_begun_, true)) first_carrier_ = carrier;
-  is_carrier_moving_ = is_carrier_moving_ || IsMoved(first_carrier_, carrier);
-  AddAttitude(carrier);
+  is_carrier_moving_ = is_carrier_moving_ ||
+                       (carrier.shift_m - first_carrier_.shift_m).norm() > kMaxRestM ||
+                       first_carrier_.rotation.angularDistance(carrier.rotation) > kMaxRestRad;
+  if (carrier.rotation.angularDistance(Eigen::Quaternionf::Identity()) > 0.0F) {
+    sharp_rad_ = kSharpOfMovingRad;
+  }
+  const Eigen::Vector3f up = carrier.rotation * Eigen::Vector3f::UnitZ();
+  const auto is_alike = [&](const Eigen::Vector3f& other) {
+    return (up - other).norm() < kAlikeRad;
+  };
+  if (ups_.size() < kMaxAttitudes && std::none_of(ups_.begin(), ups_.end(), is_alike)) {
+    ups_.push_back(up);
+  }
   const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
   for (std::size_t i = 0; i < points_m.size(); ++i)
     Add(to_carrier * (points_m[i] - carrier.shift_m));
@@ -56,19 +62,6 @@ void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
   const std::size_t column = AzimuthColumn(ray_m);
   lowest_of_[column] = std::min(lowest_of_[column], sine);
   highest_of_[column] = std::max(highest_of_[column], sine);
-}
-
-void FieldOfView::AddAttitude(const CarrierPose& carrier) {
-  const Eigen::Vector3f up = carrier.rotation * Eigen::Vector3f::UnitZ();
-  if (carrier.rotation.angularDistance(Eigen::Quaternionf::Identity()) > 0.0F) {
-    sharp_rad_ = kSharpOfMovingRad;
-  }
-  const auto is_alike = [&](const Eigen::Vector3f& other) {
-    return (up - other).norm() < kAlikeRad;
-  };
-  if (ups_.size() < kMaxAttitudes && std::none_of(ups_.begin(), ups_.end(), is_alike)) {
-    ups_.push_back(up);
-  }
 }
 
 double FieldOfView::LowestRad() const {

@@ -56,7 +56,6 @@ class FieldOfView {
 
  private:
   void Add(const Eigen::Vector3f& ray_m);
-  void AddAttitude(const CarrierPose& carrier);
 
   // Sines of the lowest and highest elevations of all returns, and per azimuth column (exact only
   // near the overall bounds).

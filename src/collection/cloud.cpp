@@ -145,17 +145,15 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   path_.push_back({at.position_m, at.velocity_mps});
 }
 
-double Shape::NumStraysNear() const {
+double Shape::SpreadM() const {
+  constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, over radius^2
+  // Strays near the target, as those farther about it tell.
   const double all_about = strays_ * Cube(kNearM) / (Cube(kStraysToM) - Cube(kStraysFromM));
   // As many on each metre of a ray, of which the mean chord of the ball has 4/3 of its radius.
   const double on_rays = strays_before_ * 4.0 / 3.0 * kNearM / (kStraysToM - kStraysFromM);
-  return std::clamp(on_rays, all_about, all_about / kLeastShareInView);
-}
-
-double Shape::SpreadM() const {
-  constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, over radius^2
+  const double num_strays = std::clamp(on_rays, all_about, all_about / kLeastShareInView);
   Tally body = near_;
-  body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -NumStraysNear());
+  body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -num_strays);
   body = {std::max(body.count, 0.0), std::max(body.sum_m2, 0.0)};
   for (const OwnFrame& frame : own_) body.Add(frame.tally);
   return body.count > 0.0 ? std::sqrt(body.sum_m2 / body.count) : 0.0;

@@ -92,9 +92,6 @@ class Shape {
   // True if it was watched for as long as a cloud takes to grow, and is certainly still narrow.
   bool StaysNarrow() const;
 
-  // Returns how many of the returns near the target are strays, as those farther about it tell.
-  double NumStraysNear() const;
-
   // Standard deviation per axis, across the motion, of all returns about the target, corrected for
   // strays.
   double SpreadM() const;

@@ -211,7 +211,7 @@ std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const
   return CountIn(sensor, bins).num_frames;
 }
 
-void ClutterModel::AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count) {
+void ClutterModel::Add(const Plot& plot, std::uint32_t bin, std::int32_t count) {
   Sensor& sensor = sensors_[plot.sensor];
   sensor.around.Add(PlaceM(plot), bin, count);
   sensor.spots.Add(PlaceM(plot), bin, count);
@@ -242,7 +242,7 @@ double ClutterModel::PresentRate(const Plot& plot, std::uint32_t bin) const {
 }
 
 void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
-  if (bin >= sensors_[plot.sensor].first_bin) AddCount(plot, bin, -1);
+  if (bin >= sensors_[plot.sensor].first_bin) Add(plot, bin, -1);
 }
 
 void ClutterModel::Forget(std::uint32_t before_bin) {

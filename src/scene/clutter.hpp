@@ -80,7 +80,7 @@ class ClutterModel {
 
   // Adds frames of a sensor, or one of their plots.
   void AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint32_t count = 1);
-  void Add(const Plot& plot, std::uint32_t bin) { AddCount(plot, bin, 1); }
+  void Add(const Plot& plot, std::uint32_t bin, std::int32_t count = 1);
 
   // Removes a plot that was added, unless it is forgotten.
   void Remove(const Plot& plot, std::uint32_t bin);
@@ -159,7 +159,6 @@ class ClutterModel {
   FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
   // Rate of the other plots of the bin about a plot, of which a target has one a frame.
   double PresentRate(const Plot& plot, std::uint32_t bin) const;
-  void AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count);
 
   std::size_t num_levels_;
   bool knows_squalls_;

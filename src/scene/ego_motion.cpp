@@ -69,15 +69,7 @@ void EgoMotion::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vecto
     is_recording_ = true;
     snapshot_begin_ns_ = time_ns;
   }
-  if (is_recording_) Collect(points_m, origin_m);
-}
-
-void EgoMotion::ResetHeights() {
-  std::fill(lowest_m_.begin(), lowest_m_.end(), std::numeric_limits<float>::infinity());
-  std::fill(highest_m_.begin(), highest_m_.end(), -std::numeric_limits<float>::infinity());
-}
-
-void EgoMotion::Collect(PointsView points_m, const Eigen::Vector3f& origin_m) {
+  if (!is_recording_) return;
   const std::size_t step = SampleStep(points_m.size(), kWatchedReturns);
   for (std::size_t i = 0; i < points_m.size(); i += step) {
     const Eigen::Vector3f relative_m = points_m[i] - origin_m;
@@ -88,6 +80,11 @@ void EgoMotion::Collect(PointsView points_m, const Eigen::Vector3f& origin_m) {
     lowest_m_[cell] = std::min(lowest_m_[cell], relative_m.z());
     highest_m_[cell] = std::max(highest_m_[cell], relative_m.z());
   }
+}
+
+void EgoMotion::ResetHeights() {
+  std::fill(lowest_m_.begin(), lowest_m_.end(), std::numeric_limits<float>::infinity());
+  std::fill(highest_m_.begin(), highest_m_.end(), -std::numeric_limits<float>::infinity());
 }
 
 void EgoMotion::EndSnapshot() {

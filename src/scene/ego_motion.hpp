@@ -66,7 +66,6 @@ class EgoMotion {
     return static_cast<std::size_t>((x + kReach) * kSide + y + kReach);
   }
 
-  void Collect(PointsView points_m, const Eigen::Vector3f& origin_m);
   void ResetHeights();
   void EndSnapshot();
   Match MatchOf(const Snapshot& snapshot, const Snapshot& earlier);

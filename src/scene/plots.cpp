@@ -107,12 +107,6 @@ void Columns::Sort() {
   for (const Column& column : columns_) widest_m_ = std::max(widest_m_, column.radius_m);
 }
 
-bool Columns::IsIn(const Eigen::Vector3d& point_m, const Column& column) {
-  const Eigen::Vector3d below_m = column.plot->position_m - point_m;
-  return below_m.z() > kBelowPlotM && below_m.z() < column.plot->column_m &&
-         below_m.head<2>().norm() < column.radius_m;
-}
-
 // Counts the returns below each plot, including structure: near the ground, legs may be taken for
 // structure.
 void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame) {

@@ -107,7 +107,11 @@ class Columns {
     auto at = std::lower_bound(columns_.begin(), columns_.end(), point_m.x() - widest_m_,
                                [](const Column& column, double x) { return column.x_m < x; });
     for (; at != columns_.end() && at->x_m < point_m.x() + widest_m_; ++at) {
-      if (IsIn(point_m, *at)) visit(at->number);
+      const Eigen::Vector3d below_m = at->plot->position_m - point_m;
+      if (below_m.z() > kBelowPlotM && below_m.z() < at->plot->column_m &&
+          below_m.head<2>().norm() < at->radius_m) {
+        visit(at->number);
+      }
     }
   }
 
@@ -118,8 +122,6 @@ class Columns {
     const Plot* plot;
     std::size_t number;
   };
-
-  static bool IsIn(const Eigen::Vector3d& point_m, const Column& column);
 
   std::vector<Column> columns_;
   double widest_m_ = 0.0;

@@ -82,25 +82,21 @@ SwayEstimate Sway::Observe(const SensorInfo& sensor, const SwayingFrame& frame) 
   }
   if (!station.following) {
     if (time_ns < station.rest_until_ns) return {};
-    Begin(time_ns, &station);
+    station.following.emplace(time_ns);
+    station.filter.Begin(time_ns);
+    station.refining.reset();
+    // Frames that wait to be corrected share the period before.
+    if (station.period.use_count() == 1) {
+      *station.period = SwayPeriod();
+    } else {
+      station.period = std::make_shared<SwayPeriod>();
+    }
+    for (auto& [of_sensor, map] : station.maps) map.Clear();
+    station.poses.clear();
   }
   Follow(index, places_.ViewpointM(known->second).cast<double>(), frame, &station);
   if (!station.following) return {};
   return {station.period, station.filter.motion()};
-}
-
-void Sway::Begin(TimeNs time_ns, Station* station) {
-  station->following.emplace(time_ns);
-  station->filter.Begin(time_ns);
-  station->refining.reset();
-  // Frames that wait to be corrected share the period before.
-  if (station->period.use_count() == 1) {
-    *station->period = SwayPeriod();
-  } else {
-    station->period = std::make_shared<SwayPeriod>();
-  }
-  for (auto& [sensor, map] : station->maps) map.Clear();
-  station->poses.clear();
 }
 
 void Sway::Follow(std::uint32_t sensor, const Eigen::Vector3d& viewpoint_m,

@@ -103,7 +103,6 @@ class Sway {
     double largest_rad = 0.0;                  // of all periods with sway
   };
 
-  static void Begin(TimeNs time_ns, Station* station);
   void Follow(std::uint32_t sensor, const Eigen::Vector3d& viewpoint_m, const SwayingFrame& frame,
               Station* station);
   void Judge(const SmallMotionFilter::Fit& fit, TimeNs time_ns, Station* station);

@@ -15,6 +15,8 @@
 #include "config/config_values.hpp"
 #include "config/former_keys.hpp"
 #include "io/input_file.hpp"
+#include "io/pose_file.hpp"
+#include "paper/clustering.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -35,10 +37,6 @@ std::size_t EditDistance(std::string_view a, std::string_view b) {
     }
   }
   return row.back();
-}
-
-std::string Join(const std::string& section, const std::string& key) {
-  return section.empty() ? key : section + "." + key;
 }
 
 // `location`: prefix of the message that ends in ": ", or empty.
@@ -62,7 +60,7 @@ class Overlay {
         throw ConfigError(where(item.first) + ": " + Quote(item.first) +
                           " is not a key, expected a plain name (sections are nested)");
       }
-      const std::string key = Join(prefix, item.first.Scalar());
+      const std::string key = (prefix.empty() ? "" : prefix + ".") + item.first.Scalar();
       if (!seen.insert(key).second) {
         throw ConfigError(where(item.first) + ": " + Shortened(key) + ": repeated, expected once");
       }
@@ -105,11 +103,9 @@ class Overlay {
   }
 
   bool IsSection(const std::string& key) {
-    if (key == "sensors" ||
-        (IsBelowSensors(key) && key.find('.', kSensorPrefix.size()) == std::string::npos)) {
-      return true;
-    }
-    bool is_section = false;
+    bool is_section =
+        key == "sensors" ||
+        (IsBelowSensors(key) && key.find('.', kSensorPrefix.size()) == std::string::npos);
     VisitKeys(
         [&](const std::string& name, const auto&, const auto&) {
           is_section = is_section || name.compare(0, key.size() + 1, key + ".") == 0;
@@ -187,12 +183,10 @@ std::string ReadText(const std::string& path) {
 }
 
 // Records where documents begin; ignores their values.
-class DocumentLines : public YAML::EventHandler {
- public:
-  // Line of the last document start, from 1.
-  int line() const { return line_; }
+struct DocumentLines : YAML::EventHandler {
+  int line = 0;  // of the last document start, from 1
 
-  void OnDocumentStart(const YAML::Mark& mark) override { line_ = mark.line + 1; }
+  void OnDocumentStart(const YAML::Mark& mark) override { line = mark.line + 1; }
   void OnDocumentEnd() override {}
   void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
   void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
@@ -204,9 +198,6 @@ class DocumentLines : public YAML::EventHandler {
   void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
                   YAML::EmitterStyle::value) override {}
   void OnMapEnd() override {}
-
- private:
-  int line_ = 0;
 };
 
 // Returns the root of the only YAML document in the text; errors are prefixed with location(line).
@@ -221,7 +212,7 @@ YAML::Node ParseYaml(const std::string& text, const Place& location) {
     YAML::Parser parser(stream);
     DocumentLines documents;
     if (parser.HandleNextDocument(documents) && parser.HandleNextDocument(documents)) {
-      throw ConfigError(location(documents.line()) +
+      throw ConfigError(location(documents.line) +
                         ": what stands here is no part of the YAML document before it, expected "
                         "one document");
     }
@@ -257,6 +248,44 @@ void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
   overlay.ApplyValue(assignment.substr(0, equals), value, location);
 }
 
+// Empty without a problem.
+std::string PosesProblem(const std::vector<Pose>& poses) {
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const std::string problem = PoseProblem(i == 0 ? nullptr : &poses[i - 1], poses[i]);
+    if (!problem.empty()) return "pose " + std::to_string(i + 1) + ": " + problem;
+  }
+  return poses.size() < 2 ? Count(poses.size(), "pose") + ", expected at least two" : "";
+}
+
+// Checks the constraints between keys, and between keys and what is linked. `locations`: source
+// locations of values by key for messages, as far as known. Throws ConfigError.
+void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations) {
+  const auto prefix_of = [&](const std::string& key) {
+    const auto location = locations.find(key);
+    return location == locations.end() ? std::string() : location->second + ": ";
+  };
+  const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
+                               double high) {
+    if (low < high) return;
+    const std::string prefix = prefix_of(locations.count(high_key) > 0 ? high_key : low_key);
+    throw ConfigError(prefix + high_key + ": '" + NumberText(high) + "', expected more than " +
+                      low_key + " (" + NumberText(low) + ")");
+  };
+  const InputConfig& input = config.input;
+  check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
+  check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
+  const auto check_engine = [&](const std::string& key, const ClusteringConfig& clustering) {
+    if (clustering.engine != ClusterEngine::kPcl || PclClustering() != nullptr) return;
+    throw ConfigError(prefix_of(key) + key + ": 'pcl', expected grid: PCL is not linked");
+  };
+  check_engine("paper.global_clusters.engine", config.paper.global_clusters);
+  check_engine("paper.local_clusters.engine", config.paper.local_clusters);
+  for (const auto& [name, poses] : config.poses) {
+    const std::string problem = poses == nullptr ? "none, expected some" : PosesProblem(*poses);
+    if (!problem.empty()) throw ConfigError("poses of '" + name + "': " + problem);
+  }
+}
+
 }  // namespace
 
 Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments) {
@@ -282,18 +311,17 @@ void CheckConfig(const Config& config) {
 }
 
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources) {
-  std::string unused = "";
-  for (const auto& [name, sensor] : config.sensors) {
-    const bool used = std::any_of(sources.begin(), sources.end(),
-                                  [&name = name](const auto& s) { return s.name == name; });
-    if (!used && unused.empty()) unused = name;
-  }
-  if (unused.empty()) return;
+  const auto unused =
+      std::find_if(config.sensors.begin(), config.sensors.end(), [&](const auto& sensor) {
+        return std::none_of(sources.begin(), sources.end(),
+                            [&](const FrameSource& s) { return s.name == sensor.first; });
+      });
+  if (unused == config.sensors.end()) return;
   for (const FrameSource& source : sources) {
     if (source.name.empty() || config.sensors.count(source.name) > 0) continue;
     const std::string name = Shortened(source.name);
     throw ConfigError("--frames " + name + "=" + source.directory + ": the config has no sensors." +
-                      name + " but an unused sensors." + Shortened(unused) +
+                      name + " but an unused sensors." + Shortened(unused->first) +
                       ", expected the same name (an empty sensors." + name +
                       " is the identity pose)");
   }

@@ -57,8 +57,8 @@ bool IsInt64(const py::buffer_info& view) { return IsOf(view, "lq", sizeof(std::
 
 // Inf is no return, and what becomes Inf only here is none by mistake.
 template <typename Value>
-void CopyPoints(const py::buffer_info& view, const std::string& frame,
-                std::vector<Eigen::Vector3f>& points_m) {
+std::vector<Eigen::Vector3f> PointsFrom(const py::buffer_info& view, const std::string& frame) {
+  std::vector<Eigen::Vector3f> points_m(static_cast<std::size_t>(view.shape[0]));
   const char* from = static_cast<const char*>(view.ptr);
   for (Eigen::Vector3f& point_m : points_m) {
     for (int axis = 0; axis < 3; ++axis) {
@@ -71,45 +71,39 @@ void CopyPoints(const py::buffer_info& view, const std::string& frame,
     }
     from += view.strides[0];
   }
+  return points_m;
 }
 
 }  // namespace
 
-PointArray::PointArray(const py::object& xyz, const std::string& frame) : view_(ViewOf(xyz)) {
-  const bool is_point_type = IsDouble(view_) || IsOf(view_, "f", sizeof(float));
-  if (is_point_type && view_.ndim == 2 && view_.shape[1] == 3) return;
+py::buffer_info PointsOf(const py::object& xyz, const std::string& frame) {
+  py::buffer_info view = ViewOf(xyz);
+  const bool is_point_type = IsDouble(view) || IsOf(view, "f", sizeof(float));
+  if (is_point_type && view.ndim == 2 && view.shape[1] == 3) return view;
   throw InputError(frame + ": xyz is " + Described(xyz) +
                    ", expected an array of shape (n, 3) and dtype float32 or float64");
 }
 
-std::vector<Eigen::Vector3f> PointArray::Copy(const std::string& frame) const {
-  std::vector<Eigen::Vector3f> points_m(size());
-  if (IsDouble(view_)) {
-    CopyPoints<double>(view_, frame, points_m);
-  } else {
-    CopyPoints<float>(view_, frame, points_m);
-  }
-  return points_m;
-}
-
-OffsetArray::OffsetArray(const py::object& offsets_ns, std::size_t num_points,
-                         const std::string& frame) {
-  if (offsets_ns.is_none()) return;
-  view_ = ViewOf(offsets_ns);
-  if (IsInt64(view_) && view_.ndim == 1 && view_.shape[0] == static_cast<py::ssize_t>(num_points)) {
-    return;
-  }
+py::buffer_info OffsetsOf(const py::object& offsets_ns, py::ssize_t num_points,
+                          const std::string& frame) {
+  if (offsets_ns.is_none()) return {};
+  py::buffer_info view = ViewOf(offsets_ns);
+  if (IsInt64(view) && view.ndim == 1 && view.shape[0] == num_points) return view;
   throw InputError(frame + ": offsets_ns is " + Described(offsets_ns) +
                    ", expected None or an array of shape (" + std::to_string(num_points) +
                    ",) and dtype int64");
 }
 
-std::vector<std::int64_t> OffsetArray::Copy() const {
-  std::vector<std::int64_t> offsets_ns(static_cast<std::size_t>(view_.size));
-  const char* from = static_cast<const char*>(view_.ptr);
+std::vector<Eigen::Vector3f> CopiedPoints(const py::buffer_info& points, const std::string& frame) {
+  return IsDouble(points) ? PointsFrom<double>(points, frame) : PointsFrom<float>(points, frame);
+}
+
+std::vector<std::int64_t> CopiedOffsets(const py::buffer_info& offsets) {
+  std::vector<std::int64_t> offsets_ns(static_cast<std::size_t>(offsets.size));
+  const char* from = static_cast<const char*>(offsets.ptr);
   for (std::int64_t& offset_ns : offsets_ns) {
     offset_ns = ValueAt<std::int64_t>(from);
-    from += view_.strides[0];
+    from += offsets.strides[0];
   }
   return offsets_ns;
 }

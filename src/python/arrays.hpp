@@ -4,7 +4,6 @@
 
 #include <pybind11/pybind11.h>
 
-#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -13,34 +12,19 @@
 
 namespace unlidar {
 
-// The returns of a frame, (n, 3) of float32 or float64, any strides.
-class PointArray {
- public:
-  // Throws InputError, which begins with `frame`, for anything else.
-  PointArray(const pybind11::object& xyz, const std::string& frame);
+// Returns a view of the returns of a frame, (n, 3) of float32 or float64 of any strides. Throws
+// InputError, which begins with `frame`, for anything else.
+pybind11::buffer_info PointsOf(const pybind11::object& xyz, const std::string& frame);
 
-  // Needs no interpreter lock. Throws InputError, which begins with `frame`, for a finite value
-  // that float32 cannot hold.
-  std::vector<Eigen::Vector3f> Copy(const std::string& frame) const;
+// The same of the times of `num_points` returns, int64 of any stride; empty for None.
+pybind11::buffer_info OffsetsOf(const pybind11::object& offsets_ns, pybind11::ssize_t num_points,
+                                const std::string& frame);
 
-  std::size_t size() const { return static_cast<std::size_t>(view_.shape[0]); }
-
- private:
-  pybind11::buffer_info view_;
-};
-
-// The times of `num_points` returns, an array of int64 of any stride; empty for None.
-class OffsetArray {
- public:
-  // Throws InputError, which begins with `frame`, for anything else.
-  OffsetArray(const pybind11::object& offsets_ns, std::size_t num_points, const std::string& frame);
-
-  // Needs no interpreter lock.
-  std::vector<std::int64_t> Copy() const;
-
- private:
-  pybind11::buffer_info view_;
-};
+// Both need no interpreter lock. Throws InputError, which begins with `frame`, for a finite value
+// that float32 cannot hold.
+std::vector<Eigen::Vector3f> CopiedPoints(const pybind11::buffer_info& points,
+                                          const std::string& frame);
+std::vector<std::int64_t> CopiedOffsets(const pybind11::buffer_info& offsets);
 
 // Returns the poses of an array of stamps, (n,) int64, and one of coordinates in metres and
 // quaternions x, y, z, w, (n, 7) float64.

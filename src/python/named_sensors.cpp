@@ -84,8 +84,8 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
                        const py::object& offsets_ns) {
   const std::string name =
       "frame of " + Shortened(sensor) + ", stamp " + std::to_string(stamp_ns) + " ns";
-  const PointArray points(xyz, name);
-  const OffsetArray offsets(offsets_ns, points.size(), name);
+  const py::buffer_info points = PointsOf(xyz, name);
+  const py::buffer_info offsets = OffsetsOf(offsets_ns, points.shape[0], name);
   const std::uint32_t index = IndexOf(sensor);
   Frame frame;
   frame.sensor = index;
@@ -93,8 +93,8 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
   last_frame_ = name;
   try {
     const py::gil_scoped_release unlocked;
-    frame.points_m = points.Copy(name);
-    frame.offsets_ns = offsets.Copy();
+    frame.points_m = CopiedPoints(points, name);
+    frame.offsets_ns = CopiedOffsets(offsets);
     engine_->Add(std::move(frame));
     NotePace(index, stamp_ns);
   } catch (const UnitError&) {

@@ -5,15 +5,12 @@
 
 #include <array>
 #include <cstddef>
-#include <memory>
 #include <string>
 #include <utility>
 #include <variant>
 #include <vector>
 
 #include "api/track_collector.hpp"
-#include "base/format.hpp"
-#include "io/pose_file.hpp"
 #include "python/arrays.hpp"
 #include "python/named_sensors.hpp"
 #include "python/stream_events.hpp"
@@ -26,68 +23,12 @@ namespace py = pybind11;
 
 using Assignments = std::vector<std::string>;
 
-// Takes of each sensor the path of a file, or a tuple of the arrays of CopiedPoses().
-PosesByName PosesOf(const py::dict& poses) {
-  PosesByName of_name;
-  for (const auto& [key, value] : poses) {
-    const auto name = py::cast<std::string>(key);
-    std::vector<Pose> of_carrier;
-    if (py::isinstance<py::str>(value)) {
-      of_carrier = ReadPoses(py::cast<std::string>(value));
-    } else {
-      const auto [stamps_ns, values] = py::cast<std::pair<py::object, py::object>>(value);
-      of_carrier =
-          CopiedPoses(stamps_ns, values, name.empty() ? "poses" : "poses of " + Quoted(name));
-    }
-    of_name[name] = std::make_shared<const std::vector<Pose>>(std::move(of_carrier));
-  }
-  return of_name;
-}
-
-// Events frame by frame.
-class Stream {
- public:
-  Stream(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
-         const py::dict& poses)
-      : sensors_(config, assignments, nanohertz, PosesOf(poses), false,
-                 [this](const EngineEvent& event) { events_.Take(event, sensors_); }) {}
-
-  py::list Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
-               const py::object& offsets_ns) {
-    sensors_.Add(sensor, stamp_ns, xyz, offsets_ns);
-    return events_.TakeAll(sensors_);
-  }
-
-  py::list Advance(TimeNs now_ns) {
-    {
-      const py::gil_scoped_release unlocked;
-      sensors_.engine().Advance(now_ns);
-    }
-    return events_.TakeAll(sensors_);
-  }
-
-  py::list Close() {
-    {
-      const py::gil_scoped_release unlocked;
-      sensors_.engine().Close();
-      events_.Close(sensors_);
-    }
-    return events_.TakeAll(sensors_);
-  }
-
-  std::vector<std::string> TakeNotes() { return sensors_.TakeNotes(); }
-
- private:
-  StreamEvents events_;
-  NamedSensors sensors_;
-};
-
 // Tracks when all frames are there.
 class WholeRecording {
  public:
   WholeRecording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
                  const py::dict& poses)
-      : sensors_(config, assignments, nanohertz, PosesOf(poses), true,
+      : sensors_(config, assignments, nanohertz, poses, true,
                  [this](const EngineEvent& event) { std::visit(TrackCollector{tracks_}, event); }) {
   }
 

@@ -9,6 +9,7 @@
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
+#include "io/pose_file.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -19,10 +20,29 @@ namespace py = pybind11;
 constexpr int kPaceFrames = 10;
 constexpr TimeNs kShortestPeriodNs = 1'000'000;  // faster than any LiDAR's frames, by far
 
+// Takes of each sensor the path of a file, or a tuple of the arrays of CopiedPoses().
+PosesByName PosesOf(const py::dict& poses) {
+  PosesByName of_name;
+  for (const auto& [key, value] : poses) {
+    const auto name = py::cast<std::string>(key);
+    std::vector<Pose> of_carrier;
+    if (py::isinstance<py::str>(value)) {
+      of_carrier = ReadPoses(py::cast<std::string>(value));
+    } else {
+      const auto [stamps_ns, values] = py::cast<std::pair<py::object, py::object>>(value);
+      of_carrier =
+          CopiedPoses(stamps_ns, values, name.empty() ? "poses" : "poses of " + Quoted(name));
+    }
+    of_name[name] = std::make_shared<const std::vector<Pose>>(std::move(of_carrier));
+  }
+  return of_name;
+}
+
 Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
-                PosesByName poses, bool is_recording) {
+                const py::dict& poses, bool is_recording) {
+  PosesByName of_name = PosesOf(poses);
   Config config = LoadConfig(path, assignments);
-  config.poses = std::move(poses);
+  config.poses = std::move(of_name);
   if (is_recording) config.live.delay_s = std::numeric_limits<double>::infinity();
   return config;
 }
@@ -36,8 +56,8 @@ OutputTimes OutputTimesOf(std::int64_t nanohertz) {
 
 NamedSensors::NamedSensors(const std::string& config_path,
                            const std::vector<std::string>& assignments, std::int64_t nanohertz,
-                           PosesByName poses, bool is_recording, EngineCallback on_event)
-    : config_(ConfigOf(config_path, assignments, std::move(poses), is_recording)),
+                           const py::dict& poses, bool is_recording, EngineCallback on_event)
+    : config_(ConfigOf(config_path, assignments, poses, is_recording)),
       engine_(std::make_unique<Engine>(config_, std::vector<std::string>(), std::move(on_event),
                                        OutputTimesOf(nanohertz))) {}
 

@@ -16,9 +16,11 @@ namespace unlidar {
 // An engine to which a sensor is added with its first frame.
 class NamedSensors {
  public:
-  // Throws what LoadConfig() and Engine throw. `is_recording`: rows come at the end only.
+  // `poses`: of each sensor the path of a file, or a tuple of the arrays of CopiedPoses().
+  // `is_recording`: rows come at the end only. Throws what LoadConfig(), ReadPoses() and Engine
+  // throw.
   NamedSensors(const std::string& config_path, const std::vector<std::string>& assignments,
-               std::int64_t nanohertz, PosesByName poses, bool is_recording,
+               std::int64_t nanohertz, const pybind11::dict& poses, bool is_recording,
                EngineCallback on_event);
 
   // Throws UsageError for a name that --stdin refuses, InputError for a bad frame unless
@@ -27,7 +29,6 @@ class NamedSensors {
            const pybind11::object& offsets_ns);
 
   Engine& engine() { return *engine_; }
-  const Engine& engine() const { return *engine_; }
   const std::string& NameOf(std::uint32_t sensor) const { return names_[sensor]; }
 
   // Frames that came and were not used.

@@ -1,6 +1,5 @@
 #include "python/stream_events.hpp"
 
-#include <string>
 #include <utility>
 #include <variant>
 
@@ -38,7 +37,35 @@ LiveState StateOf(EngineState state) {
 
 }  // namespace
 
-void StreamEvents::Take(const EngineEvent& event, const NamedSensors& sensors) {
+Stream::Stream(const std::string& config, const std::vector<std::string>& assignments,
+               std::int64_t nanohertz, const py::dict& poses)
+    : sensors_(config, assignments, nanohertz, poses, false,
+               [this](const EngineEvent& event) { Take(event); }) {}
+
+py::list Stream::Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
+                     const py::object& offsets_ns) {
+  sensors_.Add(sensor, stamp_ns, xyz, offsets_ns);
+  return TakeAll();
+}
+
+py::list Stream::Advance(TimeNs now_ns) {
+  {
+    const py::gil_scoped_release unlocked;
+    sensors_.engine().Advance(now_ns);
+  }
+  return TakeAll();
+}
+
+py::list Stream::Close() {
+  {
+    const py::gil_scoped_release unlocked;
+    sensors_.engine().Close();
+    if (state_) Push(*state_);
+  }
+  return TakeAll();
+}
+
+void Stream::Take(const EngineEvent& event) {
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
     open_tracks_[confirmed->track_id] = {confirmed->first_evidence_ns, std::nullopt};
   } else if (const auto* given = std::get_if<RowGiven>(&event)) {
@@ -46,44 +73,40 @@ void StreamEvents::Take(const EngineEvent& event, const NamedSensors& sensors) {
     OpenTrack& track = open_tracks_[given->row.track_id];
     if (!track.number) {
       track.number = next_number_++;
-      Push(TrackConfirmed{*track.number, track.first_evidence_ns, given->kind}, sensors);
+      Push(TrackConfirmed{*track.number, track.first_evidence_ns, given->kind});
     }
     RowGiven numbered = *given;
     numbered.row.track_id = *track.number;
-    Push(numbered, sensors);
+    Push(numbered);
   } else if (const auto* predicted = std::get_if<TrackPredicted>(&event)) {
     const auto track = open_tracks_.find(predicted->row.track_id);
     if (track == open_tracks_.end() || !track->second.number || !IsWritable(predicted->row)) return;
     TrackPredicted numbered = *predicted;
     numbered.row.track_id = *track->second.number;
-    Push(numbered, sensors);
+    Push(numbered);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     const OpenTrack track = std::exchange(open_tracks_[ended->track_id], {});
     open_tracks_.erase(ended->track_id);
     if (!track.number) return;
-    Push(TrackEnded{*track.number, ended->last_evidence_ns, ended->kind}, sensors);
+    Push(TrackEnded{*track.number, ended->last_evidence_ns, ended->kind});
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
     const auto [known, is_new] = sensor_states_.emplace(changed->sensor, changed->state);
     if (is_new || std::exchange(known->second, changed->state) != changed->state) {
-      Push(*changed, sensors);
+      Push(*changed);
     }
   } else {
     state_ = std::get<EngineState>(event);
-    Push(*state_, sensors);
+    Push(*state_);
   }
 }
 
-void StreamEvents::Close(const NamedSensors& sensors) {
-  if (state_) Push(*state_, sensors);
-}
-
-void StreamEvents::Push(EngineEvent event, const NamedSensors& sensors) {
-  const Engine& engine = sensors.engine();
+void Stream::Push(EngineEvent event) {
+  const Engine& engine = sensors_.engine();
   events_.push_back(
-      {engine.newest_ns(), std::move(event), engine.counts().frames, sensors.num_dropped()});
+      {engine.newest_ns(), std::move(event), engine.counts().frames, sensors_.num_dropped()});
 }
 
-py::list StreamEvents::TakeAll(const NamedSensors& sensors) {
+py::list Stream::TakeAll() {
   py::list all;
   for (const TimedEvent& timed : std::exchange(events_, {})) {
     py::dict fields;
@@ -113,7 +136,7 @@ py::list StreamEvents::TakeAll(const NamedSensors& sensors) {
       SetKind(ended->kind, fields);
     } else if (const auto* changed = std::get_if<SensorChanged>(&timed.event)) {
       begin("sensor");
-      fields["name"] = sensors.NameOf(changed->sensor);
+      fields["name"] = sensors_.NameOf(changed->sensor);
       fields["state"] = SensorStateName(changed->state);
     } else {
       begin("state");

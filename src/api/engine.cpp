@@ -1,19 +1,20 @@
 #include "unlidar/engine.hpp"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <variant>
 
 #include "api/recording_events.hpp"
-#include "api/track_collector.hpp"
 #include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/stamp.hpp"
 #include "live/live_engine.hpp"
+#include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/track_recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -30,6 +31,29 @@ struct Checked {
 };
 
 }  // namespace
+
+std::vector<Warning> EmitTracksOf(const Recording& recording, const OutputTimes& output_times,
+                                  const Config& config, const EngineCallback& on_event) {
+  const PipelineResult result = TracksOf(recording, output_times, config);
+  std::vector<TrajectoryRow> rows;
+  for (const FittedTrack& track : result.tracks) {
+    on_event(TrackConfirmed{track.id, track.begin_ns, track.flight.kind});
+    const RowStream next = RowsOf(result, track);
+    while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
+  }
+  std::stable_sort(rows.begin(), rows.end(), [](const TrajectoryRow& a, const TrajectoryRow& b) {
+    return std::make_pair(a.time_ns, a.track_id) < std::make_pair(b.time_ns, b.track_id);
+  });
+  const auto kind_of = [&](const TrajectoryRow& row) {
+    return result.tracks[static_cast<std::size_t>(row.track_id)].flight.kind;
+  };
+  for (const TrajectoryRow& row : rows) on_event(RowGiven{row, false, kind_of(row)});
+  for (const FittedTrack& track : result.tracks) {
+    on_event(
+        TrackEnded{track.id, track.end_ns, track.flight.kind, track.row_source.trajectory.minimum});
+  }
+  return result.warnings;
+}
 
 Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
                EngineCallback on_event, const OutputTimes& output_times) {

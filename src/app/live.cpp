@@ -1,5 +1,4 @@
-#include "app/live.hpp"
-
+// Tracking while frames come: --follow, --stdin and --livox.
 #include <unistd.h>
 
 #include <algorithm>
@@ -21,6 +20,7 @@
 #include "app/signals.hpp"
 #include "app/summary.hpp"
 #include "app/trace_output.hpp"
+#include "app/track_drones.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "io/arrival.hpp"

@@ -9,9 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/live.hpp"
 #include "app/output.hpp"
-#include "app/output_files.hpp"
 #include "app/summary.hpp"
 #include "app/trace_output.hpp"
 #include "base/algorithms.hpp"

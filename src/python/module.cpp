@@ -10,7 +10,7 @@
 #include <variant>
 #include <vector>
 
-#include "api/track_collector.hpp"
+#include "api/recording_events.hpp"
 #include "python/arrays.hpp"
 #include "python/named_sensors.hpp"
 #include "python/stream_events.hpp"

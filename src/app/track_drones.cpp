@@ -121,20 +121,6 @@ std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const Pipeli
   return files;
 }
 
-void AppendOtherFiles(const Arguments& arguments, const PipelineRequest& request,
-                      const Config& config, const PipelineResult& result,
-                      std::vector<OutputFile>& files) {
-  if (!arguments.clusters.empty()) {
-    files.push_back({arguments.clusters, Content(ClustersCsv(result.clusters))});
-  }
-  if (!arguments.points.empty()) {
-    files.push_back({arguments.points, Content(TargetPointsPcd(result.recording, result.tracks))});
-  }
-  if (!arguments.summary.empty()) {
-    files.push_back({arguments.summary, Content(SummaryJson(request.sources, config, result))});
-  }
-}
-
 void PrintFindings(const std::vector<std::string>& trajectory_paths, const PipelineResult& result) {
   const InputCounts& counts = result.recording.counts;
   for (const Warning& warning : result.warnings) PrintNote("warning: " + warning.text);
@@ -164,30 +150,36 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
                          result.recording.sensors.size()));
 }
 
-void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,
-                   const Config& config) {
+void TrackRecorded(const Arguments& arguments, PipelineRequest request, const Config& config) {
   const auto progress = [&](const StageTime& time, const std::string& found) {
     if (arguments.verbose) {
       PrintNote(time.stage + ": " + found + " (" + std::to_string(time.seconds) + " s)");
     }
   };
-  PipelineRequest traced = request;
   std::optional<TraceOutput> trace;
   if (!arguments.trace.empty()) {
     if (config.method != Method::kRobust) {
       throw ConfigError("method: 'paper', expected robust with --trace");
     }
     trace.emplace();
-    traced.trace = [&](const Recording& recording, const SearchTrace& search) {
+    request.trace = [&](const Recording& recording, const SearchTrace& search) {
       trace->Add(recording, search);
     };
   }
-  const PipelineResult result = RunPipeline(traced, config, progress);
+  const PipelineResult result = RunPipeline(request, config, progress);
   std::vector<OutputFile> files = TrajectoryFiles(arguments, result);
   std::vector<std::string> trajectory_paths;
   trajectory_paths.reserve(files.size());
   for (const OutputFile& file : files) trajectory_paths.push_back(file.path);
-  AppendOtherFiles(arguments, request, config, result, files);
+  if (!arguments.clusters.empty()) {
+    files.push_back({arguments.clusters, Content(ClustersCsv(result.clusters))});
+  }
+  if (!arguments.points.empty()) {
+    files.push_back({arguments.points, Content(TargetPointsPcd(result.recording, result.tracks))});
+  }
+  if (!arguments.summary.empty()) {
+    files.push_back({arguments.summary, Content(SummaryJson(request.sources, config, result))});
+  }
   if (trace) {
     files.push_back({arguments.trace, [&](const Sink& sink) { trace->Write(sink); }});
   }

@@ -1,11 +1,4 @@
-// Online tracking of drones: frames in, rows out within a second.
-//
-//   unlidar::Engine engine(unlidar::LoadConfig("station.yaml"), {"roof"},
-//                          [](const unlidar::EngineEvent& event) {
-//     if (const auto* given = std::get_if<unlidar::RowGiven>(&event)) Send(given->row);
-//   });
-//   while (std::optional<unlidar::Frame> frame = NextFrame()) engine.Add(std::move(*frame));
-//   engine.Close();
+// Online tracking of drones: frames in, rows out within a second. docs/cpp_api.md has an example.
 #pragma once
 
 #include <cstdint>

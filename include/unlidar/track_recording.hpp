@@ -1,9 +1,4 @@
-// Tracks of the drones in an in-memory recording.
-//
-//   std::vector<unlidar::Frame> frames = ...;  // {sensor, stamp_ns, points_m, offsets_ns}
-//   for (const unlidar::Track& track : unlidar::TrackRecording({}, {"roof"}, frames)) {
-//     for (const unlidar::TrajectoryRow& row : track.rows) Print(row.time_ns, row.position_m);
-//   }
+// Tracks of the drones in an in-memory recording. docs/cpp_api.md has an example.
 #pragma once
 
 #include <string>

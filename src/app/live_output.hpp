@@ -46,10 +46,6 @@ struct CurrentTrack {
   TrackPredicted now;
 };
 
-// Follows the number of refused rows in messages.
-inline constexpr const char* kUnwritableText =
-    " left out: a number in it is none, or beyond 1e9, which no output takes";
-
 struct OutputCounts {
   std::uint64_t tracks = 0;
   std::uint64_t tracks_left_out = 0;  // surely a bird throughout (--only-drones)

@@ -32,25 +32,27 @@ std::string ClustersCsv(const std::vector<ClusterScore>& clusters);
 // The returns of all tracks, track by track, as binary PCD.
 std::string TargetPointsPcd(const Recording& recording, const std::vector<FittedTrack>& tracks);
 
-// Message about a LiDAR that was blinded for this long.
+// Lines for the user: about a LiDAR that was blinded, a run without tracks, tracks that
+// --only-drones leaves out, a track for which Ceres did not converge; the last line of a run.
 std::string BlindedText(const std::string& name, double blinded_s);
-
-// End of a message that begins with a number of frames.
-inline constexpr const char* kUnparsedText =
-    " could not be parsed and skipped (input.skip_bad_frames)";
-
-// Message about a run without tracks.
 std::string NothingFoundText(const InputCounts& counts);
-
-// Last line of a run.
+std::string TracksLeftOutText(std::size_t count);
+std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum);
 std::string ResultText(const std::string& path, std::uint64_t tracks, std::uint64_t rows,
                        std::uint64_t frames, std::size_t lidars);
 
-// Message about tracks that --only-drones leaves out.
-std::string TracksLeftOutText(std::size_t count);
-
-// Message about a track for which Ceres did not converge.
-std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum);
+// Ends of lines that begin with a number of frames, or of rows: as they are told of in passing and
+// at the end.
+inline constexpr const char* kUnparsedText =
+    " could not be parsed and skipped (input.skip_bad_frames)";
+inline constexpr const char* kVanishedText = " removed before it could be read";
+inline constexpr const char* kPassedOverText = " passed over: the stamp had come before";
+inline constexpr const char* kAlreadyProcessedText =
+    " passed over: worked off by an earlier run, as the rows of --out tell";
+inline constexpr const char* kOverflowText =
+    " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
+inline constexpr const char* kUnwritableText =
+    " left out: a number in it is none, or beyond 1e9, which no output takes";
 
 // "1706255621.600227000": exact, from integers.
 std::string SecondsText(TimeNs time_ns);

@@ -59,18 +59,6 @@ struct LiveStatus {
   std::vector<CurrentTrack> tracks;  // that have begun and not ended
 };
 
-// Behind the number of frames that were gone, or whose stamp was no new one.
-inline constexpr const char* kVanishedText = " removed before it could be read";
-inline constexpr const char* kPassedOverText = " passed over: the stamp had come before";
-
-// Behind the number of frames that an earlier run has worked off.
-inline constexpr const char* kAlreadyProcessedText =
-    " passed over: worked off by an earlier run, as the rows of --out tell";
-
-// Behind the number of frames that had no room.
-inline constexpr const char* kOverflowText =
-    " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
-
 // Returns the summary of a recording, with the times of its stages, which no other output has.
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result);

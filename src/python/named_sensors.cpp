@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "app/live_event_reporter.hpp"
-#include "app/summary.hpp"
+#include "app/output.hpp"
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"

@@ -74,11 +74,6 @@ int OpenFolder(const std::string& directory) {
   return ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 }
 
-bool IsRemoved(int fd) {
-  struct stat status {};
-  return ::fstat(fd, &status) == 0 && status.st_nlink == 0;
-}
-
 }  // namespace
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
@@ -124,7 +119,9 @@ void CaptureFiles::CutOffPartOfRecord() {
 }
 
 void CaptureFiles::Write(std::string_view records) {
-  if (IsRemoved(open_.get())) open_.Close();
+  struct stat status {};
+  const bool is_removed = ::fstat(open_.get(), &status) == 0 && status.st_nlink == 0;
+  if (is_removed) open_.Close();
   while (!records.empty()) {
     const std::uint64_t used = open_.is_open() ? files_.back().bytes : kCaptureHeaderBytes;
     std::size_t fitting = 0;

@@ -134,16 +134,14 @@ class LiveRun {
     if (std::any_of(fds.begin() + 1, fds.end(), [](const pollfd& f) { return f.revents != 0; })) {
       throw OutputError("the reader of an output has left");
     }
-    if (signals_.ShouldReopen()) Reopen();
+    if (signals_.ShouldReopen()) {
+      output_.Reopen();
+      if (trace_) trace_->Reopen();
+    }
     output_.Flush();
     WriteStatus(false);
     if (signals_.ShouldEnd()) return std::nullopt;
     return fds.front().revents != 0;
-  }
-
-  void Reopen() {
-    output_.Reopen();
-    if (trace_) trace_->Reopen();
   }
 
   void Close() {

@@ -75,8 +75,7 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
 
 // A track is reported with its first row: after a kill, readers of the rows must know all numbers.
 void LiveOutput::Confirm(const TrackConfirmed& track) {
-  Confirmed& confirmed = open_tracks_[track.track_id];
-  confirmed.first_evidence_ns = track.first_evidence_ns;
+  open_tracks_[track.track_id].first_evidence_ns = track.first_evidence_ns;
 }
 
 void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
@@ -85,17 +84,29 @@ void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
     ++counts_.unwritable_rows;
     return;
   }
-  if (IsSkipped(row.time_ns)) {
+  if (left_out_until_ns_ && row.time_ns <= *left_out_until_ns_ &&
+      (!left_out_after_ns_ || row.time_ns > *left_out_after_ns_)) {
     ++counts_.left_out_rows;
     return;
   }
   Confirmed& confirmed = open_tracks_[row.track_id];
-  if (given.kind.bird_like > max_bird_probability_) return Hold(row, confirmed);
-  CheckIsLater(confirmed.held.empty() ? row.time_ns : confirmed.held.front().time_ns);
+  std::deque<TrajectoryRow>& held = confirmed.held;
+  if (given.kind.bird_like > max_bird_probability_) {
+    held.push_back(row);
+    while (row.time_ns - held.front().time_ns > hold_ns_) held.pop_front();
+    return;
+  }
+  const TimeNs first_ns = held.empty() ? row.time_ns : held.front().time_ns;
+  if (first_after_ns_ && first_ns <= *first_after_ns_) {
+    throw OutputError(path_ + ": holds rows until " + SecondsText(*first_after_ns_) +
+                      ", and those of stdin begin before, at " + SecondsText(first_ns) +
+                      ": expected later ones, or another file");
+  }
+  first_after_ns_.reset();
   LiveTrack& track = AnnouncedTrack(at_ns, given.kind, confirmed);
   // Held rows count as late.
-  for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
-    Write(at_ns, {held, true, given.kind}, track);
+  for (const TrajectoryRow& late : std::exchange(held, {})) {
+    Write(at_ns, {late, true, given.kind}, track);
   }
   Write(at_ns, given, track);
 }
@@ -110,12 +121,6 @@ void LiveOutput::AddPrediction(TimeNs at_ns, const TrackPredicted& predicted) {
   std::string fields = StateFields(tracks_[*confirmed->second.track].id, row);
   fields += ",\"unseen_s\":" + FixedText(predicted.unseen_s, kMetreDigits);
   AppendEvent("now", at_ns, fields);
-}
-
-void LiveOutput::Hold(const TrajectoryRow& row, Confirmed& confirmed) const {
-  std::deque<TrajectoryRow>& held = confirmed.held;
-  held.push_back(row);
-  while (row.time_ns - held.front().time_ns > hold_ns_) held.pop_front();
 }
 
 void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
@@ -205,20 +210,6 @@ std::vector<int> LiveOutput::reader_fds() const {
   if (events_) fds.push_back(events_->reader_fd());
   EraseIf(&fds, [](int fd) { return fd == -1; });
   return fds;
-}
-
-bool LiveOutput::IsSkipped(TimeNs time_ns) const {
-  return left_out_until_ns_ && time_ns <= *left_out_until_ns_ &&
-         (!left_out_after_ns_ || time_ns > *left_out_after_ns_);
-}
-
-void LiveOutput::CheckIsLater(TimeNs time_ns) {
-  if (first_after_ns_ && time_ns <= *first_after_ns_) {
-    throw OutputError(path_ + ": holds rows until " + SecondsText(*first_after_ns_) +
-                      ", and those of stdin begin before, at " + SecondsText(time_ns) +
-                      ": expected later ones, or another file");
-  }
-  first_after_ns_.reset();
 }
 
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {

@@ -164,11 +164,8 @@ class LiveOutput {
     std::optional<TrackPredicted> now;  // last prediction since its first row
   };
 
-  bool IsSkipped(TimeNs time_ns) const;
-  void CheckIsLater(TimeNs time_ns);
   void ReadRow(std::string_view line, std::uint64_t number);
   LiveTrack& AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed& confirmed);
-  void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
   void Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track);
   void AppendEvent(const char* name, TimeNs at_ns, const std::string& fields);
 

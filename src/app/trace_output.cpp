@@ -130,16 +130,6 @@ void TraceOutput::Add(const Recording& recording, const SearchTrace& trace) {
     Append(HeaderLine(names));
     written_until_ns_.resize(names.size(), std::numeric_limits<TimeNs>::min());
   }
-  AddFrames(recording, trace);
-  const auto plot_of = [&](std::uint32_t i) -> const Plot& { return trace.plots[i]; };
-  for (std::size_t k = 0; k < trace.paths.size(); ++k) {
-    const PathVerdict& verdict = trace.verdicts[k];
-    Append(LineOf(PathJson(trace.paths[k], plot_of, trace.paths[k].score, verdict.crowding_penalty,
-                           trace.score_threshold, verdict.rejection)));
-  }
-}
-
-void TraceOutput::AddFrames(const Recording& recording, const SearchTrace& trace) {
   std::vector<TraceJson> detections(recording.frames.size(), TraceJson::array());
   for (const Plot& plot : trace.plots) detections[plot.frame].push_back(DetectionJson(plot));
   for (std::size_t f = 0; f < recording.frames.size(); ++f) {
@@ -153,6 +143,12 @@ void TraceOutput::AddFrames(const Recording& recording, const SearchTrace& trace
     }
     Append(LineOf(FrameJson(recording.sensors[frame.sensor], frame, std::move(bodies),
                             std::move(detections[f]))));
+  }
+  const auto plot_of = [&](std::uint32_t i) -> const Plot& { return trace.plots[i]; };
+  for (std::size_t k = 0; k < trace.paths.size(); ++k) {
+    const PathVerdict& verdict = trace.verdicts[k];
+    Append(LineOf(PathJson(trace.paths[k], plot_of, trace.paths[k].score, verdict.crowding_penalty,
+                           trace.score_threshold, verdict.rejection)));
   }
 }
 

@@ -34,7 +34,6 @@ class TraceOutput {
 
  private:
   void Append(const std::string& line);
-  void AddFrames(const Recording& recording, const SearchTrace& trace);
 
   std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
   std::vector<TimeNs> written_until_ns_;  // (sensors) stamps; empty before the header

@@ -72,18 +72,6 @@ void CheckOutputs(const Arguments& arguments) {
   for (const auto& [option, path] : Outputs(arguments)) CheckWritable(path);
 }
 
-PipelineRequest ToRequest(const Arguments& arguments) {
-  PipelineRequest request;
-  request.sources = arguments.sources;
-  request.score_clusters = !arguments.clusters.empty();
-  request.max_bird_probability = arguments.max_bird_probability();
-  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
-  if (!arguments.at.empty()) {
-    request.output_times = ReadStampList(arguments.at, &request.are_times_whole);
-  }
-  return request;
-}
-
 // STEM_track<ID>.EXT beside the path.
 std::string PathOfTrack(const std::string& path, int track_id) {
   std::filesystem::path result(path);
@@ -191,7 +179,14 @@ void TrackRecorded(const Arguments& arguments, PipelineRequest request, const Co
 
 void TrackDrones(const Arguments& arguments) {
   MaxThreads() = arguments.threads;
-  const PipelineRequest request = ToRequest(arguments);
+  PipelineRequest request;
+  request.sources = arguments.sources;
+  request.score_clusters = !arguments.clusters.empty();
+  request.max_bird_probability = arguments.max_bird_probability();
+  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
+  if (!arguments.at.empty()) {
+    request.output_times = ReadStampList(arguments.at, &request.are_times_whole);
+  }
   Config config = LoadConfig(arguments.config, arguments.assignments);
   CheckSensorNames(config, arguments.sources);
   CheckOutputs(arguments);

@@ -23,8 +23,6 @@ constexpr milliseconds kReaderPollInterval(100);
 // Time granted to a reader that takes nothing before the program ends without it.
 constexpr milliseconds kReaderTimeout(1000);
 
-bool IsFullDisk(int error) { return error == ENOSPC || error == EDQUOT; }
-
 ssize_t WriteOnce(int fd, std::string_view bytes) {
   return Uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
 }
@@ -172,7 +170,7 @@ bool GrowingFile::WriteRegular() {
     if (written < 0) {
       const int error = errno;
       if (rest.size() < text.size() && ::ftruncate(fd_.get(), status.st_size) != 0) FailWithErrno();
-      if (!IsFullDisk(error)) Fail(std::strerror(error));
+      if (error != ENOSPC && error != EDQUOT) Fail(std::strerror(error));
       return false;
     }
     rest.remove_prefix(static_cast<std::size_t>(written));

@@ -82,37 +82,24 @@ LineReader::LineReader(const std::string& path, const InputKind& kind)
     : path_(path), file_(path, kind), buffer_(kMaxLineBytes + 1) {}
 
 bool LineReader::Next() {
-  std::size_t searched = 0;
-  while (true) {
-    const std::string_view unread(buffer_.data() + begin_, end_ - begin_);
-    const std::size_t feed = unread.find('\n', searched);
-    if (feed == std::string_view::npos && !at_end_) {
-      searched = unread.size();
-      Refill();
-      continue;
+  std::size_t feed = unread_.find('\n');
+  if (feed == std::string_view::npos) {
+    // Moves the unread part to the front and reads after it.
+    char* const to = std::copy(unread_.begin(), unread_.end(), buffer_.data());
+    const std::size_t got = file_.Read(to, buffer_.size() - unread_.size());
+    unread_ = {buffer_.data(), unread_.size() + got};
+    bytes_read_ += got;
+    if (bytes_read_ > kMaxBytesInLines) FailAsTooLong(path_, kMaxBytesInLines, "bytes");
+    feed = unread_.find('\n');
+    if (feed == std::string_view::npos && unread_.size() == buffer_.size()) {
+      FailAsTooLong(path_ + ":" + std::to_string(number_ + 1), kMaxLineBytes, "bytes in a line");
     }
-    if (unread.empty()) return false;
-    if (++number_ > kMaxLines) FailAsTooLong(path_, kMaxLines, "lines");
-    line_ = unread.substr(0, feed);
-    begin_ += std::min(line_.size() + 1, unread.size());
-    return true;
   }
-}
-
-// Moves the unread part to the front and reads after it.
-void LineReader::Refill() {
-  std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_),
-            buffer_.begin() + static_cast<std::ptrdiff_t>(end_), buffer_.begin());
-  end_ -= begin_;
-  begin_ = 0;
-  if (end_ == buffer_.size()) {
-    FailAsTooLong(path_ + ":" + std::to_string(number_ + 1), kMaxLineBytes, "bytes in a line");
-  }
-  const std::size_t got = file_.Read(buffer_.data() + end_, buffer_.size() - end_);
-  at_end_ = got < buffer_.size() - end_;
-  end_ += got;
-  bytes_read_ += got;
-  if (bytes_read_ > kMaxBytesInLines) FailAsTooLong(path_, kMaxBytesInLines, "bytes");
+  if (unread_.empty()) return false;
+  if (++number_ > kMaxLines) FailAsTooLong(path_, kMaxLines, "lines");
+  line_ = unread_.substr(0, feed);
+  unread_.remove_prefix(std::min(line_.size() + 1, unread_.size()));
+  return true;
 }
 
 }  // namespace unlidar

@@ -66,15 +66,11 @@ class LineReader {
   std::size_t number() const { return number_; }
 
  private:
-  void Refill();
-
   std::string path_;
   InputFile file_;
   std::vector<char> buffer_;
-  std::size_t begin_ = 0;  // [begin_, end_) of the buffer is unread
-  std::size_t end_ = 0;
+  std::string_view unread_;  // part of the buffer
   std::uint64_t bytes_read_ = 0;
-  bool at_end_ = false;
   std::string_view line_;
   std::size_t number_ = 0;
 };

@@ -40,9 +40,7 @@ class MessageSource : public LiveSource {
   MessageSource(const Config& config, LiveIntake& intake)
       : intake_(intake),
         reader_("stdin",
-                [&config](const std::string& sensor) {
-                  return FrameRateHz(config.input, SensorConfigOf(config.sensors, sensor));
-                }),
+                [&config](const std::string& sensor) { return FrameRateHz(config, sensor); }),
         bytes_(1 << 16) {}
 
   int fd() const override { return STDIN_FILENO; }
@@ -249,9 +247,9 @@ class FolderSource : public LiveSource {
       const std::vector<FrameSource>& sources, const Config& config) {
     std::vector<FollowedFolders::Folder> folders;
     for (const FrameSource& source : sources) {
-      const SensorConfig sensor = SensorConfigOf(config.sensors, SourceName(source));
-      folders.push_back(
-          {source.directory, NsOf(sensor.time_offset_s), FrameRateHz(config.input, sensor)});
+      const std::string name = SourceName(source);
+      folders.push_back({source.directory, NsOf(SensorConfigOf(config, name).time_offset_s),
+                         FrameRateHz(config, name)});
     }
     return folders;
   }

@@ -40,14 +40,14 @@ bool AreNumbers(const std::vector<std::uint64_t>& numbers, std::uint64_t median_
 
 }  // namespace
 
-SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
-                            const std::string& name) {
-  const auto known = sensors.find(name);
-  return known == sensors.end() ? SensorConfig() : known->second;
+SensorConfig SensorConfigOf(const Config& config, const std::string& name) {
+  const auto known = config.sensors.find(name);
+  return known == config.sensors.end() ? SensorConfig() : known->second;
 }
 
-double FrameRateHz(const InputConfig& input, const SensorConfig& sensor) {
-  return sensor.frame_rate_hz > 0.0 ? sensor.frame_rate_hz : input.frame_rate_hz;
+double FrameRateHz(const Config& config, const std::string& name) {
+  const double rate_hz = SensorConfigOf(config, name).frame_rate_hz;
+  return rate_hz > 0.0 ? rate_hz : config.input.frame_rate_hz;
 }
 
 void FrameClock::Settle(const std::vector<std::string_view>& names) {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -18,11 +17,10 @@ namespace unlidar {
 inline constexpr std::uint64_t kMinUnixS = 100'000'000;
 
 // Returns the entry of a sensor; the default without one.
-SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
-                            const std::string& name);
+SensorConfig SensorConfigOf(const Config& config, const std::string& name);
 
 // Returns the configured rate of a sensor's frame names, in numbers per second; 0 if none.
-double FrameRateHz(const InputConfig& input, const SensorConfig& sensor);
+double FrameRateHz(const Config& config, const std::string& name);
 
 // Names are numbers if all are whole and the least is below kMinUnixS; or if, by their magnitude,
 // they would be whole seconds that mostly lie more than an hour apart (microseconds since a sensor

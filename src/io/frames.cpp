@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <exception>
 #include <filesystem>
-#include <limits>
+#include <map>
 #include <utility>
 
 #include "base/format.hpp"
@@ -61,13 +61,13 @@ void CheckNames(const std::vector<FrameSource>& sources) {
 // Reads one source; bad frames are thrown or, with skip_bad_frames, counted.
 class FrameReader::SourceReader {
  public:
-  SourceReader(const FrameSource& source, std::uint32_t index, const InputConfig& config,
-               const SensorMount& mount)
+  SourceReader(const FrameSource& source, std::size_t index, const Config& config)
       : directory_(source.directory),
-        config_(config),
-        clock_(source.directory, FrameRateHz(config, mount.sensor)),
+        config_(config.input),
+        clock_(source.directory, FrameRateHz(config, SourceName(source))),
         files_(ListFrames(source.directory, &clock_)),
-        sensor_(index, SourceName(source), config, mount) {
+        sensor_(static_cast<std::uint32_t>(index), SourceName(source), config,
+                SensorFrames::Source::kRecording) {
     for (const FrameFile& file : {files_.front(), files_.back()})
       sensor_.CheckStamp(file.path, file.stamp_ns);
     for (const FrameFile& file : files_) sensor_.NoteStamp(file.stamp_ns);
@@ -162,31 +162,16 @@ class FrameReader::SourceReader {
   std::string first_bad_frame_;
 };
 
-FrameReader::FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
-                         const std::map<std::string, SensorConfig>& sensors,
-                         const PosesByName& poses)
-    : config_(config) {
+FrameReader::FrameReader(const std::vector<FrameSource>& sources, const Config& config) {
   CheckNames(sources);
   for (const FrameSource& source : sources) {
-    sources_.push_back(
-        std::make_unique<SourceReader>(source, static_cast<std::uint32_t>(sources_.size()), config_,
-                                       MountOf(sensors, poses, SourceName(source))));
+    sources_.push_back(std::make_unique<SourceReader>(source, sources_.size(), config));
+    first_stamp_ns_ = std::min(first_stamp_ns_, sources_.back()->first_stamp_ns());
+    last_stamp_ns_ = std::max(last_stamp_ns_, sources_.back()->last_stamp_ns());
   }
 }
 
 FrameReader::~FrameReader() = default;
-
-TimeNs FrameReader::first_stamp_ns() const {
-  TimeNs first_ns = std::numeric_limits<TimeNs>::max();
-  for (const auto& source : sources_) first_ns = std::min(first_ns, source->first_stamp_ns());
-  return first_ns;
-}
-
-TimeNs FrameReader::last_stamp_ns() const {
-  TimeNs last_ns = std::numeric_limits<TimeNs>::min();
-  for (const auto& source : sources_) last_ns = std::max(last_ns, source->last_stamp_ns());
-  return last_ns;
-}
 
 const FrameClock& FrameReader::first_clock() const { return sources_.front()->clock(); }
 

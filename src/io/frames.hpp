@@ -1,7 +1,7 @@
 // Frame directories of one or more LiDARs, merged into one recording.
 #pragma once
 
-#include <map>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -59,15 +59,15 @@ void CheckNames(const std::vector<FrameSource>& sources);
 // frames are skipped and counted. Throws UnitError if the coordinates of a sensor cannot be metres.
 class FrameReader {
  public:
-  FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
-              const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses = {});
+  // `config` must outlive it.
+  FrameReader(const std::vector<FrameSource>& sources, const Config& config);
   ~FrameReader();
   FrameReader(const FrameReader&) = delete;
   FrameReader& operator=(const FrameReader&) = delete;
 
   // Stamps have the time offsets of the sensors applied.
-  TimeNs first_stamp_ns() const;
-  TimeNs last_stamp_ns() const;
+  TimeNs first_stamp_ns() const { return first_stamp_ns_; }
+  TimeNs last_stamp_ns() const { return last_stamp_ns_; }
 
   // Clock that reads the names of the first sensor's frames.
   const FrameClock& first_clock() const;
@@ -82,8 +82,9 @@ class FrameReader {
   TimeNs NextStampNs() const;
   void AppendClockWarnings(std::vector<Warning>* warnings) const;
 
-  InputConfig config_;
   std::vector<std::unique_ptr<SourceReader>> sources_;
+  TimeNs first_stamp_ns_ = std::numeric_limits<TimeNs>::max();
+  TimeNs last_stamp_ns_ = std::numeric_limits<TimeNs>::min();
 };
 
 }  // namespace unlidar

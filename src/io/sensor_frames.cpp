@@ -49,26 +49,20 @@ std::string Text(const RawTime& raw) {
 
 }  // namespace
 
-SensorMount MountOf(const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses,
-                    const std::string& name) {
-  auto own = poses.find(name);
-  if (own == poses.end()) own = poses.find("");
-  return {SensorConfigOf(sensors, name), own == poses.end() ? nullptr : own->second};
-}
-
-SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-                           const SensorMount& mount, Source source,
-                           std::optional<TimeReading> reading)
-    : sensor_(mount.sensor),
-      offset_ns_(NsOf(mount.sensor.time_offset_s)),
-      input_(input),
+SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const Config& config,
+                           Source source, std::optional<TimeReading> reading)
+    : sensor_(SensorConfigOf(config, name)),
+      offset_ns_(NsOf(sensor_.time_offset_s)),
+      input_(config.input),
       index_(index),
       source_(source),
       reading_(reading) {
   info_.name = name;
   info_.origin_m = sensor_.translation_m.cast<float>();
-  if (!mount.poses) return;
-  poses_.emplace(mount.poses);
+  auto own = config.poses.find(name);
+  if (own == config.poses.end()) own = config.poses.find("");
+  if (own == config.poses.end()) return;
+  poses_.emplace(own->second);
   info_.carrier = poses_->carrier();
 }
 

@@ -4,8 +4,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <map>
-#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -32,16 +30,6 @@ struct LoadedFrame {
   FrameInfo info;
 };
 
-// Pose and clock of a sensor on its carrier, and where that was.
-struct SensorMount {
-  SensorConfig sensor;
-  std::shared_ptr<const std::vector<Pose>> poses;  // of the carrier; null at rest
-};
-
-// Returns the mount of a sensor; at the origin, at rest if the config does not know it.
-SensorMount MountOf(const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses,
-                    const std::string& name);
-
 // Each frame passes through Load(), NoteStamp() and Finish(). The reading of point times and the
 // frame period follow from earlier input. In a recording all stamps are noted, and all frames, or
 // all of its first part, loaded, before the first frame is finished. A stream finishes frames as
@@ -51,10 +39,8 @@ class SensorFrames {
  public:
   enum class Source { kRecording, kStream };
 
-  // `index`: of the sensor among all. `mount`: its pose and clock, and what carries it. `reading`:
-  // of point times, if known. Throws ConfigError for a time offset beyond the range of stamps.
-  SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-               const SensorMount& mount, Source source = Source::kRecording,
+  // `index`: of the sensor among all. `reading`: of point times, if known.
+  SensorFrames(std::uint32_t index, const std::string& name, const Config& config, Source source,
                std::optional<TimeReading> reading = std::nullopt);
 
   // Throws InputError unless the stamp is in range with and without the time offset, so that any

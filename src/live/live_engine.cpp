@@ -51,12 +51,8 @@ void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
 }
 
 SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name) const {
-  return {sensor,
-          name,
-          config_.input,
-          MountOf(config_.sensors, config_.poses, name),
-          is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream,
-          reading_};
+  return {sensor, name, config_,
+          is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream, reading_};
 }
 
 void LiveEngine::Add(CloudFrame frame) {

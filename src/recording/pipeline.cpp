@@ -300,7 +300,7 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress) {
   PipelineResult result;
   StageTimer timer(progress, result.times);
-  FrameReader reader(request.sources, config.input, config.sensors, config.poses);
+  FrameReader reader(request.sources, config);
   const FrameFeed feed = [&](TimeNs until_ns, Recording* recording) {
     return reader.ReadUntil(until_ns, recording);
   };

@@ -448,9 +448,10 @@ TEST(FrameReader, PartsMakeTheSameRecording) {
   const std::vector<FrameSource> sources = {{"", folder / "a"}, {"", folder / "b"}};
   SensorConfig late;
   late.time_offset_s = 0.25;
-  const std::map<std::string, SensorConfig> sensors = {{"b", late}};
-  const Recording whole = ReadRecording(sources, {}, sensors);
-  FrameReader reader(sources, {}, sensors);
+  Config config;
+  config.sensors = {{"b", late}};
+  const Recording whole = ReadRecording(sources, config.input, config.sensors);
+  FrameReader reader(sources, config);
   EXPECT_EQ(reader.first_stamp_ns(), whole.frames.front().stamp_ns);
   EXPECT_EQ(reader.last_stamp_ns(), whole.frames.back().stamp_ns);
   Recording parts;

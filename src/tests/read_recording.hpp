@@ -10,12 +10,15 @@
 
 namespace unlidar {
 
-inline Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
+inline Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& input,
                                const std::map<std::string, SensorConfig>& sensors,
                                const PosesByName& poses = {}) {
+  Config config;
+  config.input = input;
+  config.sensors = sensors;
+  config.poses = poses;
   Recording recording;
-  FrameReader(sources, config, sensors, poses)
-      .ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
+  FrameReader(sources, config).ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
   return recording;
 }
 

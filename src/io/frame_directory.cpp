@@ -80,19 +80,17 @@ std::optional<StampsByFile> ReadStampFile(const std::string& directory,
     throw InputError(directory + ": " + error.message() +
                      ", expected a directory whose files can be opened");
   }
-  LineReader lines(path, {"the header '" + std::string(kStampHeader) + "'", true});
+  const std::string header = Quoted(kStampHeader);
+  LineReader lines(path, {"the header " + header, true});
   const auto fail = [&](const std::string& what) {
     throw InputError(path + ":" + std::to_string(lines.number()) + ": " + what);
   };
+  if (!lines.Next()) throw InputError(path + ": is empty, expected the header " + header);
+  const std::string_view first = Trimmed(lines.line());
+  if (first != kStampHeader) fail("the header is " + Quoted(first) + ", expected " + header);
   StampsByFile stamps;
   while (lines.Next()) {
     const std::string_view line = Trimmed(lines.line());
-    if (lines.number() == 1) {
-      if (line != kStampHeader) {
-        fail("the header is " + Quoted(line) + ", expected '" + std::string(kStampHeader) + "'");
-      }
-      continue;
-    }
     if (line.empty()) continue;
     const std::size_t comma = line.rfind(',');
     if (comma == std::string_view::npos) {
@@ -108,9 +106,6 @@ std::optional<StampsByFile> ReadStampFile(const std::string& directory,
     if (!stamps.emplace(name, *stamp_ns).second) {
       fail(Quoted(name) + " is listed a second time, expected one stamp for each file");
     }
-  }
-  if (lines.number() == 0) {
-    throw InputError(path + ": is empty, expected the header '" + std::string(kStampHeader) + "'");
   }
   for (const std::string& name : names) {
     if (stamps.count(name) == 0) {

@@ -191,23 +191,20 @@ void FollowedFolders::Settle(const std::vector<std::string>& names, WatchedFolde
   }
   if (stems.empty()) return;
   folder->clock.Settle(stems);
-  if (folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
+  if (auto warning = folder->clock.TakeWarning()) warnings_.push_back(std::move(*warning));
 }
 
 // Returns empty for a name that is not a stamp, which is reported once.
 std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_listed,
                                                WatchedFolder* folder) {
-  const bool was_settled = folder->clock.is_settled();
-  const bool was_reported = is_listed && folder->was_listed;
   try {
     const std::optional<TimeNs> stamp_ns = folder->clock.TimeOf(StemOf(name));
-    if (!was_settled && folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
-    if (!stamp_ns && !was_reported) {
-      on_bad_frame_(InputError((fs::path(folder->directory) / name).string() + ": '" +
-                               std::string(StemOf(name)) + "' is no stamp, " + kExpectedStamp));
-    }
-    return stamp_ns;
+    if (auto warning = folder->clock.TakeWarning()) warnings_.push_back(std::move(*warning));
+    if (stamp_ns) return stamp_ns;
+    throw InputError((fs::path(folder->directory) / name).string() + ": '" +
+                     std::string(StemOf(name)) + "' is no stamp, " + kExpectedStamp);
   } catch (const InputError& error) {
+    const bool was_reported = is_listed && folder->was_listed;
     if (!was_reported) on_bad_frame_(error);
     return std::nullopt;
   }
@@ -215,16 +212,15 @@ std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_
 
 void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_listed) {
   WatchedFolder& folder = folders_[index];
-  const fs::path path = fs::path(folder.directory) / name;
   if (name == kStampFile) {
-    throw InputError(path.string() +
+    throw InputError((fs::path(folder.directory) / name).string() +
                      ": cannot be followed, expected frames whose names are their stamps");
   }
   if (!IsFrameName(name)) return;
   const std::optional<TimeNs> stamp_ns = StampOf(name, is_listed, &folder);
   if (!stamp_ns) return;
   const TimeNs common_ns = *stamp_ns + folder.offset_ns;
-  if (is_listed && WasProcessed(folder, *stamp_ns)) {
+  if (is_listed && after_ns_ && common_ns <= *after_ns_) {  // an earlier run has processed it
     if (!folder.was_listed) ++counts_.already_processed;
     return;
   }
@@ -245,11 +241,6 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
     pending_.erase(std::prev(pending_.end()));
     has_more_ = true;
   }
-}
-
-// True if an earlier run has processed the frame.
-bool FollowedFolders::WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns) const {
-  return after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_;
 }
 
 bool FollowedFolders::WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed) {

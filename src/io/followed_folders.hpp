@@ -110,7 +110,6 @@ class FollowedFolders {
   void Settle(const std::vector<std::string>& names, WatchedFolder* folder);
   void Offer(std::size_t index, const std::string& name, bool is_listed);
   std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, WatchedFolder* folder);
-  bool WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns) const;
   static bool WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed);
   static void MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder);
 

@@ -63,6 +63,8 @@ class FrameClock {
 
   // Warning that a rate was assumed, or that the configured one is not used.
   const std::optional<Warning>& warning() const { return warning_; }
+  // Returns it only once.
+  std::optional<Warning> TakeWarning() { return std::exchange(warning_, std::nullopt); }
 
  private:
   enum class Reading { kUnsettled, kStamps, kNumbers };

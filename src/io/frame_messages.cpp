@@ -20,31 +20,25 @@ void FrameMessageReader::Append(std::string_view bytes) {
 }
 
 std::optional<FrameMessage> FrameMessageReader::Next() {
-  if (!header_ && !ReadHeader()) return std::nullopt;
-  if (Unread().size() < header_->length) return std::nullopt;
-  const MessageHeader header = *std::exchange(header_, std::nullopt);
-  FrameMessage message;
-  message.sensor = header.sensor;
-  message.stamp_ns = header.stamp_ns;
-  message.name = name_ + ": message " + std::to_string(number_) + " (" + header.sensor + " " +
-                 header.stamp + ")";
-  message.pcd = Unread().substr(0, header.length);
-  begin_ += header.length;
+  if (!next_ && !ReadLine()) return std::nullopt;
+  if (Unread().size() < length_) return std::nullopt;
+  next_->pcd = Unread().substr(0, length_);
+  begin_ += length_;
   ++number_;
-  return message;
+  return std::exchange(next_, std::nullopt);
 }
 
 void FrameMessageReader::Finish() const {
   const std::size_t got = Unread().size();
-  if (header_) {
-    Fail("ends after " + std::to_string(got) + " bytes of the PCD of " + header_->sensor + " " +
-         header_->stamp + ", expected " + std::to_string(header_->length));
+  if (next_) {
+    Fail("ends after " + std::to_string(got) + " bytes of the PCD of " + sensor_and_stamp_ +
+         ", expected " + std::to_string(length_));
   }
   if (got > 0) Fail("ends within its line: " + Quoted(Unread()) + ", " + kExpectedLine);
 }
 
 // Returns false while the line is incomplete. Garbage is reported at its first byte.
-bool FrameMessageReader::ReadHeader() {
+bool FrameMessageReader::ReadLine() {
   const std::string_view rest = Unread();
   if (rest.substr(0, kKeyword.size()) != kKeyword.substr(0, rest.size())) {
     Fail("begins with " + Quoted(rest.substr(0, rest.find('\n'))) + ", " + kExpectedLine);
@@ -55,43 +49,35 @@ bool FrameMessageReader::ReadHeader() {
     Fail("begins with " + Quoted(rest) + " and no newline within " +
          std::to_string(kMaxMessageLineBytes) + " bytes, " + kExpectedLine);
   }
-  header_ = ParseHeader(rest.substr(0, end));
+  ParseLine(rest.substr(0, end));
   begin_ += end + 1;
   return true;
 }
 
-FrameMessageReader::MessageHeader FrameMessageReader::ParseHeader(std::string_view line) {
+void FrameMessageReader::ParseLine(std::string_view line) {
   const std::vector<std::string_view> words = Split(line, ' ');
   if (words.size() != 4) {
     Fail("has the line " + Quoted(line) + ", " + kExpectedLine + " with one space between two");
   }
-  MessageHeader header;
-  header.sensor = words[1];
-  if (!IsSensorName(header.sensor)) {
-    Fail("has the NAME " + Quoted(words[1]) + ", " + kExpectedSensorName);
-  }
-  header.stamp = words[2];
-  const std::optional<TimeNs> stamp_ns = StampOf(header);
+  const std::string sensor(words[1]);
+  if (!IsSensorName(sensor)) Fail("has the NAME " + Quoted(sensor) + ", " + kExpectedSensorName);
+  FrameClock& clock =
+      clocks_.try_emplace(sensor, name_ + ": " + sensor, rate_hz_(sensor)).first->second;
+  const std::optional<TimeNs> stamp_ns = clock.TimeOf(words[2]);
+  if (auto warning = clock.TakeWarning()) warnings_.push_back(std::move(*warning));
   if (!stamp_ns) Fail("has the STAMP " + Quoted(words[2]) + ", " + kExpectedStamp);
-  header.stamp_ns = *stamp_ns;
   const auto length = ParseNumber<std::size_t>(words[3]);
   if (!length || *length > kMaxMessageBytes) {
     Fail("has the LENGTH " + Quoted(words[3]) + ", expected a number of bytes up to " +
          std::to_string(kMaxMessageBytes));
   }
-  header.length = *length;
-  return header;
-}
-
-std::optional<TimeNs> FrameMessageReader::StampOf(const MessageHeader& header) {
-  const auto known =
-      clocks_.try_emplace(header.sensor, name_ + ": " + header.sensor, rate_hz_(header.sensor))
-          .first;
-  FrameClock& clock = known->second;
-  const bool was_settled = clock.is_settled();
-  const std::optional<TimeNs> stamp_ns = clock.TimeOf(header.stamp);
-  if (!was_settled && clock.warning()) warnings_.push_back(*clock.warning());
-  return stamp_ns;
+  length_ = *length;
+  sensor_and_stamp_ = sensor + " " + std::string(words[2]);
+  next_ =
+      FrameMessage{sensor,
+                   *stamp_ns,
+                   name_ + ": message " + std::to_string(number_) + " (" + sensor_and_stamp_ + ")",
+                   {}};
 }
 
 void FrameMessageReader::Fail(const std::string& what) const {

@@ -47,24 +47,18 @@ class FrameMessageReader {
   void Finish() const;
 
  private:
-  struct MessageHeader {
-    std::string sensor;
-    std::string stamp;  // as written
-    TimeNs stamp_ns = 0;
-    std::size_t length = 0;
-  };
-
   std::string_view Unread() const { return {buffer_.data() + begin_, buffer_.size() - begin_}; }
-  bool ReadHeader();
-  MessageHeader ParseHeader(std::string_view line);
-  std::optional<TimeNs> StampOf(const MessageHeader& header);
+  bool ReadLine();
+  void ParseLine(std::string_view line);
   [[noreturn]] void Fail(const std::string& what) const;
 
   std::string name_;
   std::string buffer_;
-  std::size_t begin_ = 0;                // start of the unread bytes
-  std::uint64_t number_ = 1;             // of the message that begins there
-  std::optional<MessageHeader> header_;  // of this message, once its line is complete
+  std::size_t begin_ = 0;             // start of the unread bytes
+  std::uint64_t number_ = 1;          // of the message that begins there
+  std::optional<FrameMessage> next_;  // this message, once its line is complete
+  std::string sensor_and_stamp_;      // of it, as written
+  std::size_t length_ = 0;            // of its PCD
   RateOfSensor rate_hz_;
   std::map<std::string, FrameClock> clocks_;  // by sensor
   std::vector<Warning> warnings_;             // not yet taken

@@ -27,21 +27,14 @@ struct Column {
 };
 
 template <typename Source, typename Target>
-Target Converted(Source value) {
-  if constexpr (std::is_same_v<Source, std::uint64_t> && std::is_same_v<Target, std::int64_t>) {
-    constexpr std::uint64_t kMax = std::numeric_limits<std::int64_t>::max();
-    return static_cast<Target>(std::min(value, kMax));
-  } else {
-    return static_cast<Target>(value);
-  }
-}
-
-template <typename Source, typename Target>
 void CopyColumnAs(Column column, std::size_t count, Target* to, std::size_t to_stride) {
   for (std::size_t i = 0; i < count; ++i) {
     Source value;
     std::memcpy(&value, column.data + i * column.stride, sizeof(value));
-    to[i * to_stride] = Converted<Source, Target>(value);
+    if constexpr (std::is_same_v<Source, std::uint64_t> && std::is_same_v<Target, std::int64_t>) {
+      value = std::min<Source>(value, std::numeric_limits<Target>::max());
+    }
+    to[i * to_stride] = static_cast<Target>(value);
   }
 }
 
@@ -63,19 +56,17 @@ PcdCloud CloudOf(const PcdHeader& header, const ColumnOf& column_of) {
   PcdCloud cloud = EmptyCloud(header);
   const std::size_t count = header.num_points;
   if (count == 0) return cloud;
-  const std::size_t axes[] = {header.x, header.y, header.z};
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::size_t field = axes[axis];
+  for (std::size_t axis = 0; axis < header.field_of.size(); ++axis) {
+    const std::size_t field = header.field_of[axis];
     if (field == kNoField) continue;
-    CopyColumn(column_of(field), header.fields[field].type, count,
-               cloud.points_m.front().data() + axis, 3);
-  }
-  if (cloud.time_kind == PcdTimeKind::kNone) return cloud;
-  const PcdType type = header.fields[header.time].type;
-  if (cloud.time_kind == PcdTimeKind::kInteger) {
-    CopyColumn(column_of(header.time), type, count, cloud.integer_times.data(), 1);
-  } else {
-    CopyColumn(column_of(header.time), type, count, cloud.floating_times.data(), 1);
+    const PcdType type = header.fields[field].type;
+    if (axis != PcdHeader::kTime) {
+      CopyColumn(column_of(field), type, count, cloud.points_m.front().data() + axis, 3);
+    } else if (cloud.time_kind == PcdTimeKind::kInteger) {
+      CopyColumn(column_of(field), type, count, cloud.integer_times.data(), 1);
+    } else {
+      CopyColumn(column_of(field), type, count, cloud.floating_times.data(), 1);
+    }
   }
   return cloud;
 }
@@ -179,11 +170,12 @@ PcdCloud ParseBody(std::string_view bytes, const PcdHeader& header, const std::s
 PcdCloud EmptyCloud(const PcdHeader& header) {
   PcdCloud cloud;
   cloud.points_m.resize(header.num_points);
-  if (header.z == kNoField) {
+  if (header.field_of[2] == kNoField) {
     for (Eigen::Vector3f& point : cloud.points_m) point.z() = 0.0F;
   }
-  if (header.time == kNoField) return cloud;
-  if (IsFloating(header.fields[header.time].type)) {
+  const std::size_t time = header.field_of[PcdHeader::kTime];
+  if (time == kNoField) return cloud;
+  if (IsFloating(header.fields[time].type)) {
     cloud.time_kind = PcdTimeKind::kFloating;
     cloud.floating_times.resize(header.num_points);
   } else {

@@ -2,6 +2,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 #include "base/format.hpp"
 #include "io/pcd_format.hpp"
@@ -57,26 +58,6 @@ const char* ReadInteger(const char* at, const char* end, std::int64_t& value) {
   return token_end;
 }
 
-// Value to be read from each row, and its destination.
-struct Wanted {
-  std::size_t field = 0;
-  std::uint64_t value_offset = 0;
-  int axis = 0;  // kTimeAxis for the time
-};
-constexpr int kTimeAxis = 3;
-
-std::vector<Wanted> WantedValues(const PcdHeader& header) {
-  std::vector<Wanted> wanted;
-  const std::size_t fields[] = {header.x, header.y, header.z, header.time};
-  for (int axis = 0; axis < 4; ++axis) {
-    const std::size_t field = fields[axis];
-    if (field != kNoField) wanted.push_back({field, header.fields[field].value_offset, axis});
-  }
-  std::sort(wanted.begin(), wanted.end(),
-            [](const Wanted& a, const Wanted& b) { return a.value_offset < b.value_offset; });
-  return wanted;
-}
-
 const char* ReadCoordinate(const char* at, const char* end, PcdType type, float& value) {
   if (type == PcdType::kF32) return ReadFloat(at, end, value);  // rounded once, not twice
   double number = 0.0;
@@ -97,19 +78,18 @@ PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const st
                      std::to_string(header.num_points) + " points");
   }
   PcdCloud cloud = EmptyCloud(header);
-  const std::vector<Wanted> wanted = WantedValues(header);
+  std::vector<std::pair<std::uint64_t, std::size_t>> wanted;  // column, and axis or kTime
+  for (std::size_t axis = 0; axis < header.field_of.size(); ++axis) {
+    const std::size_t field = header.field_of[axis];
+    if (field != kNoField) wanted.emplace_back(header.fields[field].value_offset, axis);
+  }
+  std::sort(wanted.begin(), wanted.end());
   const char* at = body.data();
   const char* const end = at + body.size();
   std::size_t line = header.body_line;
 
   const auto fail = [&](const std::string& what) {
     throw InputError(name + ": line " + std::to_string(line) + ": " + what);
-  };
-  const auto check_value_follows = [&] {
-    at = SkipBlanks(at, end);
-    if (at == end || *at == '\n') {
-      fail("too few values, expected " + std::to_string(header.row_values));
-    }
   };
 
   for (std::uint64_t row = 0; row < header.num_points; ++row) {
@@ -119,17 +99,21 @@ PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const st
       fail("the data ends after " + std::to_string(row) + " points, expected " +
            std::to_string(header.num_points));
     }
-    std::uint64_t column = 0;
-    for (const Wanted& value : wanted) {
-      for (; column < value.value_offset; ++column) {
-        check_value_follows();
-        at = SkipToken(at, end);
+    auto next = wanted.begin();
+    for (std::uint64_t column = 0; column < header.row_values; ++column) {
+      at = SkipBlanks(at, end);
+      if (at == end || *at == '\n') {
+        fail("too few values, expected " + std::to_string(header.row_values));
       }
-      check_value_follows();
+      if (next == wanted.end() || column != next->first) {
+        at = SkipToken(at, end);
+        continue;
+      }
       const char* const token = at;
-      const PcdField& field = header.fields[value.field];
-      if (value.axis != kTimeAxis) {
-        at = ReadCoordinate(at, end, field.type, cloud.points_m[row][value.axis]);
+      const std::size_t axis = next++->second;
+      const PcdField& field = header.fields[header.field_of[axis]];
+      if (axis != PcdHeader::kTime) {
+        at = ReadCoordinate(at, end, field.type, cloud.points_m[row].data()[axis]);
       } else if (cloud.time_kind == PcdTimeKind::kInteger) {
         at = ReadInteger(at, end, cloud.integer_times[row]);
       } else {
@@ -140,11 +124,6 @@ PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const st
         fail("field " + Quoted(field.name) + " is " + Quoted({token, length}) +
              ", expected a number");
       }
-      ++column;
-    }
-    for (; column < header.row_values; ++column) {
-      check_value_follows();
-      at = SkipToken(at, end);
     }
     at = SkipBlanks(at, end);
     if (at != end && *at != '\n') {

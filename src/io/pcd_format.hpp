@@ -1,6 +1,7 @@
 // Shared by the parts of the PCD reader: the checked header and the decoders.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -42,11 +43,9 @@ struct PcdHeader {
   std::size_t body_begin = 0;  // first byte after the DATA line
   std::size_t body_line = 0;   // line number of that byte, from 1
 
-  // Indices into `fields`; z and time may be kNoField.
-  std::size_t x = kNoField;
-  std::size_t y = kNoField;
-  std::size_t z = kNoField;
-  std::size_t time = kNoField;
+  // Indices into `fields` of x, y, z and, at kTime, the time; z and time may be kNoField.
+  std::array<std::size_t, 4> field_of = {kNoField, kNoField, kNoField, kNoField};
+  static constexpr std::size_t kTime = 3;
 };
 
 // Returns a header that is consistent in itself; the body remains to be checked. Throws InputError.

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <map>
 #include <optional>
-#include <utility>
 
 #include "base/format.hpp"
 #include "io/input_file.hpp"
@@ -57,7 +57,6 @@ class HeaderParser {
     for (std::size_t line_number = 1; at < bytes_.size(); ++line_number) {
       const std::size_t newline = bytes_.find('\n', at);
       const std::size_t end = std::min(newline, bytes_.size());
-      // A binary file that is not a PCD may be one long line: check its start first.
       const Tokens tokens = TokensOf(bytes_.substr(at, end - at), line_number);
       at = newline == std::string_view::npos ? bytes_.size() : newline + 1;
       if (tokens.empty()) continue;
@@ -69,8 +68,9 @@ class HeaderParser {
         return;
       }
       const std::string_view entry = tokens[0] == "COLUMNS" ? "FIELDS" : tokens[0];
-      if (Find(entry) != nullptr) Fail(std::string(tokens[0]) + " appears twice, expected once");
-      raw_.emplace_back(entry, Tokens(tokens.begin() + 1, tokens.end()));
+      if (!raw_.emplace(entry, Tokens(tokens.begin() + 1, tokens.end())).second) {
+        Fail(std::string(tokens[0]) + " appears twice, expected once");
+      }
     }
     Fail("has no DATA line, expected DATA ascii, binary or binary_compressed" +
          (bytes_.size() < kMaxPcdHeaderBytes
@@ -80,23 +80,20 @@ class HeaderParser {
 
   // Returns empty for comments and blank lines.
   Tokens TokensOf(std::string_view line, std::size_t line_number) {
-    const std::size_t begin = std::min(line.find_first_not_of(kBlanks), line.size());
-    if (begin == line.size() || line[begin] == '#') return {};
-    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
-    const std::string_view keyword = line.substr(begin, end - begin);
-    if (keyword != "DATA" &&
-        std::find(kEntries.begin(), kEntries.end(), keyword) == kEntries.end()) {
-      Fail("line " + std::to_string(line_number) + " begins with " + Quoted(keyword) +
+    Tokens tokens = ValuesOf(line);
+    if (tokens.empty() || tokens[0].front() == '#') return {};
+    if (tokens[0] != "DATA" &&
+        std::find(kEntries.begin(), kEntries.end(), tokens[0]) == kEntries.end()) {
+      Fail("line " + std::to_string(line_number) + " begins with " + Quoted(tokens[0]) +
            ", expected VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS or "
            "DATA");
     }
-    return ValuesOf(line);
+    return tokens;
   }
 
   // Returns null for an entry that the header does not have.
   const Tokens* Find(std::string_view entry) const {
-    const auto found = std::find_if(raw_.begin(), raw_.end(),
-                                    [&](const auto& known) { return known.first == entry; });
+    const auto found = raw_.find(entry);
     return found == raw_.end() ? nullptr : &found->second;
   }
 
@@ -219,13 +216,12 @@ class HeaderParser {
   }
 
   void FindFields() {
-    header_.x = FindCoordinate("x", "X", true);
-    header_.y = FindCoordinate("y", "Y", true);
-    header_.z = FindCoordinate("z", "Z", false);
+    header_.field_of = {FindCoordinate("x", "X", true), FindCoordinate("y", "Y", true),
+                        FindCoordinate("z", "Z", false), kNoField};
     for (const std::string_view time_name : {"t", "time", "timestamp", "offset_time"}) {
       for (std::size_t i = 0; i < header_.fields.size(); ++i) {
         if (header_.fields[i].count != 1 || Lower(header_.fields[i].name) != time_name) continue;
-        header_.time = i;
+        header_.field_of[PcdHeader::kTime] = i;
         return;
       }
     }
@@ -233,7 +229,7 @@ class HeaderParser {
 
   std::string_view bytes_;
   const std::string& name_;
-  std::vector<std::pair<std::string_view, Tokens>> raw_;  // few: found one by one
+  std::map<std::string_view, Tokens> raw_;
   PcdHeader header_;
 };
 

@@ -88,12 +88,9 @@ void Engine::Add(Frame frame) {
   frame_name_.append(stamp.data(), end);
   frame_name_ += " ns";
   taken.name = frame_name_;
-  if (!frame.offsets_ns.empty()) {
-    if (frame.offsets_ns.size() != frame.points_m.size()) {
-      throw InputError(frame_name_ + ": " + Count(frame.offsets_ns.size(), "point time") +
-                       ", expected none or " + std::to_string(frame.points_m.size()));
-    }
-    taken.cloud.time_kind = PcdTimeKind::kInteger;
+  if (!frame.offsets_ns.empty() && frame.offsets_ns.size() != frame.points_m.size()) {
+    throw InputError(frame_name_ + ": " + Count(frame.offsets_ns.size(), "point time") +
+                     ", expected none or " + std::to_string(frame.points_m.size()));
   }
   taken.cloud.points_m = std::move(frame.points_m);
   taken.cloud.integer_times = std::move(frame.offsets_ns);

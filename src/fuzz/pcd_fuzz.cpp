@@ -1,5 +1,6 @@
 // Any bytes as a PCD file: points or an InputError, the same every time, and points survive being
 // written and read again.
+#include <algorithm>
 #include <cstring>
 #include <vector>
 
@@ -17,10 +18,10 @@ bool SameBytes(const std::vector<T>& a, const std::vector<T>& b) {
 
 void RequireSound(const PcdCloud& cloud) {
   const std::size_t rows = cloud.points_m.size();
-  Require(cloud.integer_times.size() == (cloud.time_kind == PcdTimeKind::kInteger ? rows : 0),
-          "a row has a whole time if the cloud has whole times");
-  Require(cloud.floating_times.size() == (cloud.time_kind == PcdTimeKind::kFloating ? rows : 0),
-          "a row has a floating time if the cloud has floating times");
+  const std::size_t times = cloud.integer_times.size() + cloud.floating_times.size();
+  Require(times == 0 || (times == rows &&
+                         std::min(cloud.integer_times.size(), cloud.floating_times.size()) == 0),
+          "a row has a time of one kind if the cloud has times");
 }
 
 void Run(std::string_view bytes) {

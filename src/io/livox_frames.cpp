@@ -136,7 +136,6 @@ void LivoxFrameCutter::Close(std::int64_t index, const OpenFrame& frame) {
   LivoxFrame over;
   over.stamp_ns = index * frame_ns_;
   over.arrival = frame.arrival;
-  over.cloud.time_kind = PcdTimeKind::kInteger;
   over.cloud.points_m.reserve(frame.points);
   over.cloud.integer_times.reserve(frame.points);
   for (const auto& [order, part] : frame.parts) {

@@ -62,7 +62,7 @@ PcdCloud CloudOf(const PcdHeader& header, const ColumnOf& column_of) {
     const PcdType type = header.fields[field].type;
     if (axis != PcdHeader::kTime) {
       CopyColumn(column_of(field), type, count, cloud.points_m.front().data() + axis, 3);
-    } else if (cloud.time_kind == PcdTimeKind::kInteger) {
+    } else if (cloud.floating_times.empty()) {
       CopyColumn(column_of(field), type, count, cloud.integer_times.data(), 1);
     } else {
       CopyColumn(column_of(field), type, count, cloud.floating_times.data(), 1);
@@ -176,10 +176,8 @@ PcdCloud EmptyCloud(const PcdHeader& header) {
   const std::size_t time = header.field_of[PcdHeader::kTime];
   if (time == kNoField) return cloud;
   if (IsFloating(header.fields[time].type)) {
-    cloud.time_kind = PcdTimeKind::kFloating;
     cloud.floating_times.resize(header.num_points);
   } else {
-    cloud.time_kind = PcdTimeKind::kInteger;
     cloud.integer_times.resize(header.num_points);
   }
   return cloud;

@@ -10,14 +10,12 @@
 
 namespace unlidar {
 
-enum class PcdTimeKind { kNone, kInteger, kFloating };
-
 // All rows of the file (width * height), including no-return and NaN rows.
 struct PcdCloud {
   std::vector<Eigen::Vector3f> points_m;
-  PcdTimeKind time_kind = PcdTimeKind::kNone;
-  std::vector<std::int64_t> integer_times;  // raw values of the time field, only for kInteger
-  std::vector<double> floating_times;       // raw values of the time field, only for kFloating
+  // Raw values of the time field, if there is one: in the vector of its type.
+  std::vector<std::int64_t> integer_times;
+  std::vector<double> floating_times;
 };
 
 // Reads ascii, binary and binary_compressed files of versions .5 to .7, fields in any order.

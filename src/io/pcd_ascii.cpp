@@ -114,7 +114,7 @@ PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const st
       const PcdField& field = header.fields[header.field_of[axis]];
       if (axis != PcdHeader::kTime) {
         at = ReadCoordinate(at, end, field.type, cloud.points_m[row].data()[axis]);
-      } else if (cloud.time_kind == PcdTimeKind::kInteger) {
+      } else if (cloud.floating_times.empty()) {
         at = ReadInteger(at, end, cloud.integer_times[row]);
       } else {
         at = ReadFloat(at, end, cloud.floating_times[row]);

@@ -12,9 +12,6 @@
 namespace unlidar {
 namespace {
 
-constexpr std::array<TimeReading, 3> kReadings = {TimeReading::kOffset, TimeReading::kAbsolute,
-                                                  TimeReading::kAbsoluteByMagnitude};
-
 std::optional<TimeNs> InNs(std::int64_t value, std::int64_t unit_ns) {
   if (value > kMaxStampNs / unit_ns || value < -kMaxStampNs / unit_ns) return std::nullopt;
   return value * unit_ns;
@@ -32,7 +29,7 @@ std::optional<TimeNs> InNs(double value, std::int64_t unit_ns) {
 }  // namespace
 
 RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row) {
-  if (cloud.time_kind == PcdTimeKind::kInteger) return cloud.integer_times[row];
+  if (cloud.floating_times.empty()) return cloud.integer_times[row];
   return cloud.floating_times[row];
 }
 
@@ -52,8 +49,8 @@ std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs 
 void TimeReadingVote::Add(const RawTime& raw, TimeNs stamp_ns) {
   std::size_t nearest = 0;
   std::int64_t nearest_ns = std::numeric_limits<std::int64_t>::max();
-  for (std::size_t i = 0; i < kReadings.size(); ++i) {
-    const std::optional<TimeNs> time_ns = PointTime(raw, kReadings[i], stamp_ns);
+  for (std::size_t i = 0; i < votes_.size(); ++i) {
+    const std::optional<TimeNs> time_ns = PointTime(raw, static_cast<TimeReading>(i), stamp_ns);
     if (!time_ns) continue;
     const std::int64_t distance_ns = std::abs(*time_ns - stamp_ns);
     if (distance_ns >= nearest_ns) continue;
@@ -65,7 +62,7 @@ void TimeReadingVote::Add(const RawTime& raw, TimeNs stamp_ns) {
 
 TimeReading TimeReadingVote::Winner() const {
   const auto most = std::max_element(votes_.begin(), votes_.end());
-  return kReadings[static_cast<std::size_t>(most - votes_.begin())];
+  return static_cast<TimeReading>(most - votes_.begin());
 }
 
 }  // namespace unlidar

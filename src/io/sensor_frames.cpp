@@ -42,6 +42,10 @@ void MakeRoomFor(std::size_t size, std::vector<T>* values) {
   values->reserve(values->capacity() == 0 ? size : size + size / 4);
 }
 
+bool HasTimes(const PcdCloud& cloud) {
+  return !cloud.integer_times.empty() || !cloud.floating_times.empty();
+}
+
 std::string Text(const RawTime& raw) {
   if (const auto* const integer = std::get_if<std::int64_t>(&raw)) return std::to_string(*integer);
   return ShortestText(std::get<double>(raw));
@@ -92,7 +96,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   frame->info = FrameInfo();
   const Eigen::Matrix3d rotation = RotationOf(sensor_.rotation_xyzw).toRotationMatrix();
   const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
-  const bool is_timed = frame->cloud.time_kind != PcdTimeKind::kNone;
+  const bool is_timed = HasTimes(frame->cloud);
   InputCounts& counts = frame->counts;
   counts.rows = rows.size();
   const std::size_t most =
@@ -187,7 +191,7 @@ void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
   if (input_.stamp == StampMeaning::kEnd) info.begin_ns = stamp_ns - length_ns;
   info.end_ns = info.begin_ns + length_ns;
   MakeRoomFor(frame.points_m.size(), &frame.times_ns);
-  if (frame.cloud.time_kind == PcdTimeKind::kNone) {
+  if (!HasTimes(frame.cloud)) {
     const bool is_short = SecondsOf(length_ns) <= kLongestFrameS;
     info.is_timed = is_short && SetTimesOfTurn(frame.points_m, sensor_, info.begin_ns, info.end_ns,
                                                &frame.times_ns);

@@ -190,8 +190,8 @@ TEST(PcdLayouts, RandomLayoutsGiveTheValuesThatWereWritten) {
       const std::vector<double> y = true_column("y");
       const std::vector<double> z = true_column("z");
       const std::vector<double> time = true_column("time");
-      ASSERT_NE(read.time_kind, PcdTimeKind::kNone);
-      const bool is_integer = read.time_kind == PcdTimeKind::kInteger;
+      const bool is_integer = read.floating_times.empty();
+      ASSERT_EQ(read.integer_times.size() + read.floating_times.size(), time.size());
       for (std::size_t i = 0; i < x.size(); ++i) {
         EXPECT_EQ(read.points_m[i].cast<double>(), Eigen::Vector3d(x[i], y[i], z[i]));
         EXPECT_EQ(is_integer ? static_cast<double>(read.integer_times[i]) : read.floating_times[i],
@@ -233,7 +233,7 @@ TEST(PcdTimes, TheFieldIsTheFirstOfTheKnownNamesInAnyCase) {
       cloud.values[0].push_back(static_cast<double>(cloud.values[0].size()));
     }
     const PcdCloud read = ParsePcd(Encoded(cloud, TestEncoding::kBinary), "f");
-    return read.time_kind == PcdTimeKind::kNone ? 0.0 : read.floating_times[0];
+    return read.floating_times.empty() ? 0.0 : read.floating_times[0];
   };
   EXPECT_EQ(time_of({}), 0.0);
   EXPECT_EQ(time_of({"intensity", "ring", "time_stamp"}), 0.0);

@@ -22,7 +22,9 @@ std::int64_t FloorDivide(std::int64_t value, std::int64_t by) {
 
 void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
   if (packet.rays == 0) return;
-  const auto reading = time_.Take(packet, arrival, NextFrame() * frame_ns_);
+  const std::int64_t last =  // of the frames opened or emitted
+      open_.empty() ? closed_.value_or(-1) : open_.rbegin()->first;
+  const auto reading = time_.Take(packet, arrival, (last + 1) * frame_ns_);
   if (!reading) {
     ++counts_.astray;
     return;
@@ -59,15 +61,9 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
   open.bytes += bytes;
   open.arrival = arrival;
   unfinished_bytes_ += bytes;
-  open.parts.emplace(order, Part{packet.rays, packet.span_ns, packet.points});
+  open.parts.emplace(order, packet);
   ++counts_.used;
   counts_.noise_points += packet.noise_points;
-}
-
-// Returns the index after all frames opened or emitted.
-std::int64_t LivoxFrameCutter::NextFrame() const {
-  if (!open_.empty()) return open_.rbegin()->first + 1;
-  return closed_ ? *closed_ + 1 : 0;
 }
 
 void LivoxFrameCutter::Restart() {

@@ -64,19 +64,13 @@ class LivoxFrameCutter {
 
  private:
   using Order = std::pair<TimeNs, std::uint16_t>;  // stamp, counter
-  struct Part {
-    std::uint32_t rays = 0;
-    std::optional<std::int64_t> span_ns;
-    std::vector<LivoxPoint> points;
-  };
   struct OpenFrame {
-    std::map<Order, Part> parts;
+    std::map<Order, LivoxPacket> parts;
     std::size_t points = 0;
     std::size_t bytes = 0;
     Arrival arrival;
   };
 
-  std::int64_t NextFrame() const;
   void Restart();
   void CountBy(LivoxCounter counter);
   void CountGaps(const OpenFrame& frame, TimeNs spacing_ns);

@@ -37,10 +37,6 @@ constexpr int kMaxAtOnce = 1 << 12;
 
 std::size_t SizeOf(const Datagram& datagram) { return sizeof(datagram) + datagram.payload.size(); }
 
-[[noreturn]] void Fail(const std::string& name, const char* what) {
-  throw InputError(name + ": " + what + ": " + std::strerror(errno));
-}
-
 }  // namespace
 
 std::string AddressText(std::uint32_t address) {
@@ -68,18 +64,10 @@ LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
       waiting_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       ending_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       endpoint_(endpoint) {
-  Bind();
-  thread_ = std::thread([this] { Receive(); });
-}
-
-std::string LivoxReceiver::name() const {
-  return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
-}
-
-void LivoxReceiver::Bind() {
-  if (!socket_.is_open() || !waiting_.is_open() || !ending_.is_open()) {
-    Fail(name(), "cannot be listened on");
-  }
+  const auto check = [&](bool is_fine) {
+    if (!is_fine) throw InputError(name() + ": cannot be listened on: " + std::strerror(errno));
+  };
+  check(socket_.is_open() && waiting_.is_open() && ending_.is_open());
   ::setsockopt(socket_.get(), SOL_SOCKET, SO_RCVBUF, &kSocketBytes, sizeof(kSocketBytes));
   sockaddr_in address{};
   address.sin_family = AF_INET;
@@ -87,10 +75,13 @@ void LivoxReceiver::Bind() {
   address.sin_port = htons(endpoint_.port);
   socklen_t size = sizeof(address);
   auto* const any = reinterpret_cast<sockaddr*>(&address);
-  if (::bind(socket_.get(), any, size) != 0 || ::getsockname(socket_.get(), any, &size) != 0) {
-    Fail(name(), "cannot be listened on");
-  }
+  check(::bind(socket_.get(), any, size) == 0 && ::getsockname(socket_.get(), any, &size) == 0);
   endpoint_.port = ntohs(address.sin_port);
+  thread_ = std::thread([this] { Receive(); });
+}
+
+std::string LivoxReceiver::name() const {
+  return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
 }
 
 std::optional<Datagram> LivoxReceiver::Next() {

@@ -67,7 +67,6 @@ class LivoxReceiver {
   std::string name() const;
 
  private:
-  void Bind();
   void Receive();
   bool IsFull() const;
   void TakeAll();

@@ -23,13 +23,6 @@ namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
-Cloud::Ptr ToPcl(const std::vector<Eigen::Vector3f>& points_m) {
-  auto cloud = std::make_shared<Cloud>();
-  cloud->reserve(points_m.size());
-  for (const Eigen::Vector3f& p : points_m) cloud->emplace_back(p.x(), p.y(), p.z());
-  return cloud;
-}
-
 Clustering ClusterEuclidean(const Cloud::Ptr& cloud, double tolerance_m) {
   auto tree = std::make_shared<pcl::search::KdTree<pcl::PointXYZ>>(false);
   tree->setInputCloud(cloud);
@@ -93,11 +86,10 @@ Clustering ClusterDbscan(const std::vector<Eigen::Vector3f>& points_m, const Clo
 
 Clustering ClusterByPcl(const std::vector<Eigen::Vector3f>& points_m,
                         const ClusteringConfig& config) {
-  const Cloud::Ptr cloud = ToPcl(points_m);
-  if (config.method == ClusterMethod::kEuclidean) {
-    return ClusterEuclidean(cloud, config.tolerance_m);
-  }
-  return ClusterDbscan(points_m, cloud, config);
+  const auto cloud = std::make_shared<Cloud>();
+  for (const Eigen::Vector3f& p : points_m) cloud->emplace_back(p.x(), p.y(), p.z());
+  return config.method == ClusterMethod::kEuclidean ? ClusterEuclidean(cloud, config.tolerance_m)
+                                                    : ClusterDbscan(points_m, cloud, config);
 }
 
 }  // namespace

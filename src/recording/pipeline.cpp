@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "base/format.hpp"
@@ -40,14 +41,6 @@ class StageTimer {
   std::vector<StageTime>& times_;
   Clock::time_point begin_ = Clock::now();
 };
-
-// Tracks are numbered in this order.
-bool IsSeenEarlier(const Target& a, const Target& b) {
-  const auto key = [](const Target& target) {
-    return std::make_pair(target.measurements.front().time_ns, target.returns);
-  };
-  return key(a) < key(b);
-}
 
 ReturnStatistics DescribeReturns(const Recording& recording, const Target& target) {
   const Trajectory& trajectory = target.trajectory;
@@ -95,12 +88,6 @@ FittedTrack TrackOf(const Recording& recording, const Target& target,
   track.flight = kind.Describe();
   track.echo = DescribeReturns(recording, target);
   return track;
-}
-
-std::size_t CountRows(const RowStream& next) {
-  std::size_t count = 0;
-  while (next()) ++count;
-  return count;
 }
 
 std::string InputSummary(const Recording& recording) {
@@ -236,7 +223,10 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
   }
   monitors.Finish(&result);
-  std::sort(targets.begin(), targets.end(), IsSeenEarlier);
+  std::sort(targets.begin(), targets.end(), [](const Target& a, const Target& b) {
+    return std::tie(a.measurements.front().time_ns, a.returns) <
+           std::tie(b.measurements.front().time_ns, b.returns);
+  });
   timer.End("targets", Count(targets.size(), "target"));
   return targets;
 }
@@ -254,7 +244,7 @@ void MakeTracks(const PipelineRequest& request, const Config& config,
       ++result.tracks_left_out;
       continue;
     }
-    track.num_rows = CountRows(RowsOf(result, track));
+    for (const RowStream next = RowsOf(result, track); next();) ++track.num_rows;
     result.tracks.push_back(std::move(track));
   }
   timer.End("trajectories", Count(result.tracks.size(), "track"));

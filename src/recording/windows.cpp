@@ -34,12 +34,6 @@ struct Tracklet {
   bool is_fitted = true;            // false: cut or joined since its trajectory was fitted
 };
 
-std::size_t CountBetween(const Tracklet& tracklet, TimeNs from_ns, TimeNs to_ns) {
-  return static_cast<std::size_t>(std::count_if(
-      tracklet.returns.begin(), tracklet.returns.end(),
-      [&](const KeptReturn& kept) { return from_ns <= kept.stamp_ns && kept.stamp_ns < to_ns; }));
-}
-
 std::size_t CountShared(const Tracklet& a, const Tracklet& b) {
   std::vector<KeptReturn> shared;
   std::set_intersection(a.returns.begin(), a.returns.end(), b.returns.begin(), b.returns.end(),
@@ -193,7 +187,11 @@ class WindowSearch {
     std::stable_sort(pairs.begin(), pairs.end(),
                      [](const Pair& a, const Pair& b) { return a.shared > b.shared; });
     const auto about_border = [&](const Tracklet& tracklet) {
-      return CountBetween(tracklet, border_ns - margin_ns_, border_ns + margin_ns_);
+      return static_cast<std::size_t>(std::count_if(
+          tracklet.returns.begin(), tracklet.returns.end(), [&](const KeptReturn& kept) {
+            return border_ns - margin_ns_ <= kept.stamp_ns &&
+                   kept.stamp_ns < border_ns + margin_ns_;
+          }));
     };
     std::vector<char> is_cut(tracklets_.size(), 0);
     std::vector<char> is_joined(found.size(), 0);

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <cstddef>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -36,8 +35,6 @@ class PoseHistory {
   const void* carrier() const { return poses_.get(); }
 
  private:
-  void SetInterval(std::size_t first);
-
   std::shared_ptr<const std::vector<Pose>> poses_;
   // Interval of the last time, relative to its first pose.
   TimeNs begin_ns_ = 0;

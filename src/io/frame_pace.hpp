@@ -1,6 +1,7 @@
 // Load shedding for frames that arrive in real time.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -20,12 +21,27 @@ class FramePace {
 
   // True if the next frame of this sensor is to be processed. `waited`: time since its arrival;
   // empty for frames present before the program started.
-  bool Keeps(std::size_t sensor, std::optional<Clock::duration> waited, Clock::time_point now);
+  bool Keeps(std::size_t sensor, std::optional<Clock::duration> waited, Clock::time_point now) {
+    if (waited) shortest_wait_ = std::min(shortest_wait_.value_or(*waited), *waited);
+    // A change takes effect with a delay.
+    const bool has_settled = !changed_ || now - *changed_ >= max_extra_wait_ / 2;
+    if (waited && has_settled) {
+      const Clock::duration excess = *waited - *shortest_wait_;
+      const std::uint64_t before = one_in_;
+      if (excess > max_extra_wait_ && one_in_ < kMaxOneIn) one_in_ *= 2;
+      if (excess < max_extra_wait_ / 4 && one_in_ > 1) one_in_ /= 2;
+      if (one_in_ != before) changed_ = now;
+    }
+    if (seen_.size() <= sensor) seen_.resize(sensor + 1);
+    return seen_[sensor]++ % one_in_ == 0;
+  }
 
   // One frame in one_in() is kept.
   std::uint64_t one_in() const { return one_in_; }
 
  private:
+  static constexpr std::uint64_t kMaxOneIn = 1024;
+
   Clock::duration max_extra_wait_;
   std::optional<Clock::duration> shortest_wait_;
   std::optional<Clock::time_point> changed_;

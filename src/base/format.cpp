@@ -32,8 +32,7 @@ std::string FixedText(double value, int digits) {
   const auto result = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value,
                                     std::chars_format::fixed, digits);
   const std::string text(buffer.data(), result.ptr);
-  const bool is_zero = std::all_of(text.begin(), text.end(),
-                                   [](char c) { return c == '-' || c == '0' || c == '.'; });
+  const bool is_zero = text.find_first_not_of("-0.") == std::string::npos;
   return is_zero && text.front() == '-' ? text.substr(1) : text;
 }
 

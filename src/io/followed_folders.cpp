@@ -123,7 +123,13 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
       if (!list_again_) list_again_ = Clock::now() + kSettleTime;
       continue;
     }
-    MarkDelivered(next.stamp_ns, folder);
+    folder.delivered_ns.push_back(next.stamp_ns);
+    if (folder.delivered_ns.size() > kMaxDelivered) {
+      const TimeNs forgotten_ns = folder.delivered_ns.front();
+      folder.delivered_ns.pop_front();
+      folder.newest_forgotten_ns =
+          std::max(folder.newest_forgotten_ns.value_or(forgotten_ns), forgotten_ns);
+    }
     const bool was_there = next.is_listed && file.changed_ns <= folder.listed_ns;
     return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.arrived};
   }
@@ -248,15 +254,6 @@ bool FollowedFolders::WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns,
   const auto& delivered_ns = folder.delivered_ns;
   return (is_listed && is_old) ||
          std::find(delivered_ns.begin(), delivered_ns.end(), stamp_ns) != delivered_ns.end();
-}
-
-void FollowedFolders::MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder) {
-  folder.delivered_ns.push_back(stamp_ns);
-  if (folder.delivered_ns.size() <= kMaxDelivered) return;
-  const TimeNs forgotten_ns = folder.delivered_ns.front();
-  folder.delivered_ns.pop_front();
-  folder.newest_forgotten_ns =
-      std::max(folder.newest_forgotten_ns.value_or(forgotten_ns), forgotten_ns);
 }
 
 }  // namespace unlidar

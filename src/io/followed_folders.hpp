@@ -111,7 +111,6 @@ class FollowedFolders {
   void Offer(std::size_t index, const std::string& name, bool is_listed);
   std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, WatchedFolder* folder);
   static bool WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed);
-  static void MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder);
 
   std::vector<WatchedFolder> folders_;
   std::optional<TimeNs> after_ns_;

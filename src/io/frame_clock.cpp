@@ -122,21 +122,18 @@ std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
                      " is a stamp, but frames before are numbered (" +
                      std::to_string(last_number_.value_or(0)) + "), expected one or the other");
   }
-  if (is_assumed_by_one_ && last_number_) CheckSecond(*number);
+  if (is_assumed_by_one_ && last_number_) {
+    const auto [less, more] = std::minmax(*number, *last_number_);
+    if (more - less > kUnits.front().max_step) {
+      throw InputError(source_ + ": names are whole numbers, " + std::to_string(*number) +
+                       " after " + std::to_string(*last_number_) +
+                       ", expected input.frame_rate_hz: how many make a second (1000: "
+                       "milliseconds)");
+    }
+    is_assumed_by_one_ = false;
+  }
   last_number_ = number;
   return OfNumber(static_cast<double>(*number));
-}
-
-// Streams: checks the assumption, made by the first name alone, that names are frame numbers.
-void FrameClock::CheckSecond(std::uint64_t number) {
-  const auto [less, more] = std::minmax(number, *last_number_);
-  if (more - less > kUnits.front().max_step) {
-    throw InputError(source_ + ": names are whole numbers, " + std::to_string(number) + " after " +
-                     std::to_string(*last_number_) +
-                     ", expected input.frame_rate_hz: how many make a second (1000: "
-                     "milliseconds)");
-  }
-  is_assumed_by_one_ = false;
 }
 
 std::optional<TimeNs> FrameClock::OfNumber(double number) const {

@@ -71,7 +71,6 @@ class FrameClock {
 
   void SetStamps(std::optional<std::uint64_t> whole);
   void SetNumbers(std::uint64_t step, const std::string& seen);
-  void CheckSecond(std::uint64_t number);
 
   std::string source_;
   double rate_hz_;

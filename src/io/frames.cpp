@@ -34,11 +34,10 @@ void MakeRoom(std::size_t num_read, std::size_t num_frames, Recording* recording
 }  // namespace
 
 bool IsSensorName(const std::string& name) {
+  constexpr const char* kAllowed =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
   return !name.empty() && name.size() <= kMaxSensorNameBytes &&
-         std::all_of(name.begin(), name.end(), [](char c) {
-           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                  c == '_' || c == '-';
-         });
+         name.find_first_not_of(kAllowed) == std::string::npos;
 }
 
 std::string SourceName(const FrameSource& source) {
@@ -80,7 +79,7 @@ class FrameReader::SourceReader {
                                   : files_[next_].stamp_ns + sensor_.offset_ns();
   }
   std::size_t num_read() const { return next_; }
-  SensorInfo info() const { return sensor_.info(); }
+  const SensorFrames& sensor() const { return sensor_; }
   const FrameClock& clock() const { return clock_; }
 
   // Number of frames, read or not, before a stamp.
@@ -149,8 +148,6 @@ class FrameReader::SourceReader {
     }
   }
 
-  void CheckUnits() const { sensor_.CheckUnits(); }
-
  private:
   std::string directory_;
   const InputConfig& config_;
@@ -182,7 +179,8 @@ void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
     return SecondsOf(source.last_stamp_ns() - source.first_stamp_ns());
   };
   for (const auto& other : sources_) {
-    const std::string names = first.info().name + " and " + other->info().name + ": ";
+    const std::string names =
+        first.sensor().info().name + " and " + other->sensor().info().name + ": ";
     const TimeNs apart_ns = std::max(other->first_stamp_ns() - first.last_stamp_ns(),
                                      first.first_stamp_ns() - other->last_stamp_ns());
     if (apart_ns > kNsPerSecond) {
@@ -229,8 +227,8 @@ TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
   recording->sensors.clear();
   recording->warnings.clear();
   for (const auto& source : sources_) {
-    source->CheckUnits();
-    recording->sensors.push_back(source->info());
+    source->sensor().CheckUnits();
+    recording->sensors.push_back(source->sensor().info());
     source->AppendWarnings(&recording->warnings);
   }
   AppendClockWarnings(&recording->warnings);

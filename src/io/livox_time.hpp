@@ -105,8 +105,6 @@ class LivoxSync {
   std::uint64_t losses() const { return losses_; }
 
  private:
-  void Judge(bool is_synchronised);
-
   std::optional<SyncState> state_;
   std::uint64_t losses_ = 0;
   std::optional<TimeNs> begin_ns_;  // of the present second, and its packets so far

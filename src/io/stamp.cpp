@@ -28,15 +28,6 @@ constexpr std::int64_t kNanohertzPerHz = 1'000'000'000;
 constexpr std::int64_t kMaxRateHz = 1'000'000;
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
-// Returns the column `timestamp` of a CSV with this header, if it has one.
-std::optional<std::size_t> TimestampColumn(std::string_view header) {
-  const std::vector<std::string_view> names = Split(header, ',');
-  for (std::size_t column = 0; column < names.size(); ++column) {
-    if (Trimmed(names[column]) == "timestamp") return column;
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 std::int64_t NsPerUnitByMagnitude(double magnitude) {
@@ -123,16 +114,14 @@ std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole) {
     }
     line = Trimmed(line);
     if (line.empty() || line.front() == '#') continue;
+    const std::vector<std::string_view> fields = Split(line, ',');
     const bool could_be_header = std::exchange(first, false);
-    if (could_be_header) {
-      column = TimestampColumn(line);
-      if (column) continue;
+    for (std::size_t i = 0; could_be_header && !column && i < fields.size(); ++i) {
+      if (Trimmed(fields[i]) == "timestamp") column = i;
     }
+    if (could_be_header && column) continue;
     std::string_view field = line;
-    if (column) {
-      const std::vector<std::string_view> fields = Split(line, ',');
-      field = *column < fields.size() ? Trimmed(fields[*column]) : std::string_view();
-    }
+    if (column) field = *column < fields.size() ? Trimmed(fields[*column]) : std::string_view();
     const std::optional<TimeNs> stamp = ParseStamp(field);
     if (!stamp) {
       throw InputError(path + ":" + std::to_string(lines.number()) + ": " + Quoted(field) +

@@ -1,5 +1,6 @@
 #include "io/stamp.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -12,6 +13,7 @@ namespace unlidar {
 namespace {
 
 constexpr int kNsDigits = 9;
+constexpr std::size_t kMaxMantissaBytes = 401;  // more is no realistic number
 
 // Returns round(0.digits * 10^point); digits has no leading zero.
 std::optional<TimeNs> RoundedInteger(std::string digits, int point) {
@@ -41,35 +43,26 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
   const bool negative = !text.empty() && text.front() == '-';
   if (negative) text.remove_prefix(1);
 
-  std::string digits;  // without leading zeros
-  int point = 0;       // the value is 0.digits * 10^point
-  bool any_digit = false;
-  bool fraction = false;
-  std::size_t at = 0;
-  for (; at < text.size(); ++at) {
-    const char c = text[at];
-    if (c == '.' && !fraction) {
-      fraction = true;
-    } else if (IsDigit(c)) {
-      any_digit = true;
-      const bool leading_zero = digits.empty() && c == '0';
-      if (!leading_zero) digits.push_back(c);
-      if (fraction && leading_zero) --point;
-      if (!fraction && !leading_zero) ++point;
-    } else {
-      break;
-    }
-    if (at > 400) return std::nullopt;  // not a realistic number
+  const std::size_t end = std::min(text.find_first_of("eE"), text.size());
+  if (end > kMaxMantissaBytes) return std::nullopt;
+  std::string digits(text.substr(0, end));
+  std::size_t whole = digits.find('.');
+  bool seconds = whole != std::string::npos;
+  if (seconds) {
+    digits.erase(whole, 1);
+  } else {
+    whole = digits.size();
   }
-  if (!any_digit) return std::nullopt;
+  if (digits.empty() || !std::all_of(digits.begin(), digits.end(), IsDigit)) return std::nullopt;
+  const std::size_t zeros = std::min(digits.find_first_not_of('0'), digits.size());
+  digits.erase(0, zeros);
+  int point = static_cast<int>(whole) - static_cast<int>(zeros);  // of 0.digits * 10^point
 
-  bool seconds = fraction;
-  if (at < text.size()) {
-    if (text[at] != 'e' && text[at] != 'E') return std::nullopt;
-    ++at;
+  if (end < text.size()) {
+    std::string_view power = text.substr(end + 1);
     // from_chars accepts '-' but not '+'. The '+' is skipped only before a digit: "+-" is no sign.
-    if (at + 1 < text.size() && text[at] == '+' && IsDigit(text[at + 1])) ++at;
-    const auto exponent = ParseNumber<int>(text.substr(at));
+    if (power.size() > 1 && power[0] == '+' && IsDigit(power[1])) power.remove_prefix(1);
+    const auto exponent = ParseNumber<int>(power);
     if (!exponent || *exponent < -1000 || *exponent > 1000) return std::nullopt;
     point += *exponent;
     seconds = true;

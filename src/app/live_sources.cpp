@@ -20,7 +20,6 @@
 #include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
-#include "io/sensor_frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -38,10 +37,7 @@ Arrival ArrivalAt(Clock::time_point at) {
 class MessageSource : public LiveSource {
  public:
   MessageSource(const Config& config, LiveIntake& intake)
-      : intake_(intake),
-        reader_("stdin",
-                [&config](const std::string& sensor) { return FrameRateHz(config, sensor); }),
-        bytes_(1 << 16) {}
+      : intake_(intake), reader_("stdin", config), bytes_(1 << 16) {}
 
   int fd() const override { return STDIN_FILENO; }
 
@@ -223,9 +219,9 @@ class FolderSource : public LiveSource {
  public:
   FolderSource(const std::vector<FrameSource>& sources, const Config& config,
                std::optional<TimeNs> after_ns, LiveIntake& intake)
-      : intake_(intake),
-        folders_(FollowedFoldersOf(sources, config), after_ns,
-                 [this](const InputError& error) { intake_.TakeBadFrame(error); }) {}
+      : intake_(intake), folders_(sources, config, after_ns, [this](const InputError& error) {
+          intake_.TakeBadFrame(error);
+        }) {}
 
   int fd() const override { return folders_.fd(); }
   bool is_idle() const override { return folders_.num_pending() == 0; }
@@ -243,17 +239,6 @@ class FolderSource : public LiveSource {
   }
 
  private:
-  static std::vector<FollowedFolders::Folder> FollowedFoldersOf(
-      const std::vector<FrameSource>& sources, const Config& config) {
-    std::vector<FollowedFolders::Folder> folders;
-    for (const FrameSource& source : sources) {
-      const std::string name = SourceName(source);
-      folders.push_back({source.directory, NsOf(SensorConfigOf(config, name).time_offset_s),
-                         FrameRateHz(config, name)});
-    }
-    return folders;
-  }
-
   void Take(const FollowedFrame& frame) {
     // Arrival times carry no information for files that existed before the program started.
     const auto waited =

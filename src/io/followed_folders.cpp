@@ -64,19 +64,19 @@ File FileAt(const std::string& path) {
 
 }  // namespace
 
-FollowedFolders::WatchedFolder::WatchedFolder(const Folder& folder)
-    : directory(fs::absolute(folder.directory).lexically_normal().string()),
-      clock(folder.directory, folder.frame_rate_hz),
-      offset_ns(folder.offset_ns) {}
+FollowedFolders::WatchedFolder::WatchedFolder(const FrameSource& source, const Config& config)
+    : directory(fs::absolute(source.directory).lexically_normal().string()),
+      clock(source.directory, FrameRateHz(config, SourceName(source))),
+      offset_ns(NsOf(SensorConfigOf(config, SourceName(source)).time_offset_s)) {}
 
-FollowedFolders::FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
-                                 BadFrameCallback on_bad_frame)
+FollowedFolders::FollowedFolders(const std::vector<FrameSource>& sources, const Config& config,
+                                 std::optional<TimeNs> after_ns, BadFrameCallback on_bad_frame)
     : after_ns_(after_ns),
       on_bad_frame_(std::move(on_bad_frame)),
       inotify_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
   if (!inotify_.is_open())
     throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
-  for (const Folder& folder : folders) folders_.emplace_back(folder);
+  for (const FrameSource& source : sources) folders_.emplace_back(source, config);
   Attach();
 }
 

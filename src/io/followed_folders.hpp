@@ -14,6 +14,8 @@
 
 #include "io/descriptor.hpp"
 #include "io/frame_directory.hpp"
+#include "io/frames.hpp"
+#include "unlidar/config.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -49,11 +51,6 @@ class FollowedFolders {
   static constexpr std::size_t kMaxPending = std::size_t{1} << 13;
   static constexpr std::size_t kMaxDelivered = 1024;
 
-  struct Folder {
-    std::string directory;
-    TimeNs offset_ns = 0;        // added to its stamps to sort the frames of all folders
-    double frame_rate_hz = 0.0;  // see FrameClock
-  };
   using BadFrameCallback = std::function<void(const InputError&)>;
 
   // The names present when a folder is first listed settle how all its names are read, see
@@ -61,8 +58,8 @@ class FollowedFolders {
   // `after_ns` (with their offset) are skipped, and counted the first time. Frames without a stamp
   // go to `on_bad_frame`. Throws InputError for a folder that cannot be watched and for a
   // timestamps.csv, here and later.
-  FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
-                  BadFrameCallback on_bad_frame);
+  FollowedFolders(const std::vector<FrameSource>& sources, const Config& config,
+                  std::optional<TimeNs> after_ns, BadFrameCallback on_bad_frame);
 
   // Readable when events in the folders that are there are pending.
   int fd() const { return inotify_.get(); }
@@ -84,12 +81,12 @@ class FollowedFolders {
 
  private:
   struct WatchedFolder {
-    explicit WatchedFolder(const Folder& folder);
+    WatchedFolder(const FrameSource& source, const Config& config);
 
     std::string directory;  // absolute
     FrameClock clock;
-    TimeNs offset_ns = 0;
-    int watch = -1;  // while it is there
+    TimeNs offset_ns;  // added to its stamps to sort the frames of all folders
+    int watch = -1;    // while it is there
     bool was_listed = false;
     TimeNs listed_ns = 0;             // Unix time of the first listing
     std::deque<TimeNs> delivered_ns;  // the last ones

@@ -62,7 +62,8 @@ void FrameMessageReader::ParseLine(std::string_view line) {
   const std::string sensor(words[1]);
   if (!IsSensorName(sensor)) Fail("has the NAME " + Quoted(sensor) + ", " + kExpectedSensorName);
   FrameClock& clock =
-      clocks_.try_emplace(sensor, name_ + ": " + sensor, rate_hz_(sensor)).first->second;
+      clocks_.try_emplace(sensor, name_ + ": " + sensor, FrameRateHz(config_, sensor))
+          .first->second;
   const std::optional<TimeNs> stamp_ns = clock.TimeOf(words[2]);
   if (auto warning = clock.TakeWarning()) warnings_.push_back(std::move(*warning));
   if (!stamp_ns) Fail("has the STAMP " + Quoted(words[2]) + ", " + kExpectedStamp);

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -27,13 +26,9 @@ struct FrameMessage {
 // message, its content and what was expected.
 class FrameMessageReader {
  public:
-  // Returns the rate of a sensor's frame names, see FrameRateHz().
-  using RateOfSensor = std::function<double(const std::string& sensor)>;
-
-  // `name`: of the stream, for messages.
-  explicit FrameMessageReader(
-      std::string name, RateOfSensor rate_hz = [](const std::string&) { return 0.0; })
-      : name_(std::move(name)), rate_hz_(std::move(rate_hz)) {}
+  // `name`: of the stream, for messages. `config` must outlive it.
+  FrameMessageReader(std::string name, const Config& config)
+      : name_(std::move(name)), config_(config) {}
 
   void Append(std::string_view bytes);
 
@@ -59,7 +54,7 @@ class FrameMessageReader {
   std::optional<FrameMessage> next_;  // this message, once its line is complete
   std::string sensor_and_stamp_;      // of it, as written
   std::size_t length_ = 0;            // of its PCD
-  RateOfSensor rate_hz_;
+  const Config& config_;
   std::map<std::string, FrameClock> clocks_;  // by sensor
   std::vector<Warning> warnings_;             // not yet taken
 };

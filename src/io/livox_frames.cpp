@@ -1,6 +1,7 @@
 #include "io/livox_frames.hpp"
 
 #include <algorithm>
+#include <vector>
 
 #include "base/algorithms.hpp"
 #include "io/input_limits.hpp"

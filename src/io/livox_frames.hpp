@@ -7,7 +7,6 @@
 #include <map>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "io/arrival.hpp"
 #include "io/livox_packets.hpp"

@@ -25,18 +25,14 @@ using ::unlidar::testing::TemporaryFolder;
 class Follower {
  public:
   explicit Follower(const std::vector<std::string>& directories,
-                    std::optional<TimeNs> after_ns = std::nullopt,
-                    const std::vector<TimeNs>& offsets_ns = {})
-      : folders(Watched(directories, offsets_ns), after_ns,
+                    std::optional<TimeNs> after_ns = std::nullopt, const Config& config = {})
+      : folders(SourcesOf(directories), config, after_ns,
                 [this](const InputError& error) { bad.emplace_back(error.what()); }) {}
 
-  static std::vector<FollowedFolders::Folder> Watched(const std::vector<std::string>& directories,
-                                                      const std::vector<TimeNs>& offsets_ns) {
-    std::vector<FollowedFolders::Folder> watched;
-    for (std::size_t i = 0; i < directories.size(); ++i) {
-      watched.push_back({directories[i], offsets_ns.empty() ? 0 : offsets_ns[i]});
-    }
-    return watched;
+  static std::vector<FrameSource> SourcesOf(const std::vector<std::string>& directories) {
+    std::vector<FrameSource> sources;
+    for (const std::string& directory : directories) sources.push_back({"", directory});
+    return sources;
   }
 
   // The names of all frames that are complete now; of several folders "FOLDER/NAME".
@@ -116,7 +112,9 @@ TEST(FollowedFolders, MergesFoldersByStampAndOffset) {
   }
   Follower same({folder / "a", folder / "b"});
   EXPECT_EQ(same.Take(), (Names{"a/1.0.pcd", "b/1.0.pcd", "b/1.5.pcd", "a/2.0.pcd"}));
-  Follower late({folder / "a", folder / "b"}, std::nullopt, {0, 10'000'000'000});
+  Config config;
+  config.sensors["b"].time_offset_s = 10.0;
+  Follower late({folder / "a", folder / "b"}, std::nullopt, config);
   EXPECT_EQ(late.Take(), (Names{"a/1.0.pcd", "a/2.0.pcd", "b/1.0.pcd", "b/1.5.pcd"}));
 }
 

@@ -24,7 +24,8 @@ struct Got {
 
 // All messages of the bytes, handed in in pieces of this size.
 std::vector<Got> ReadAll(const std::string& bytes, std::size_t piece) {
-  FrameMessageReader reader("stdin");
+  const Config config;
+  FrameMessageReader reader("stdin", config);
   std::vector<Got> messages;
   const std::string_view all = bytes;
   for (std::size_t at = 0; at < bytes.size(); at += piece) {
@@ -112,7 +113,8 @@ TEST(FrameMessages, GarbageIsToldWithItsNumberAndWhatWasExpected) {
 }
 
 TEST(FrameMessages, GarbageIsToldAtItsFirstByte) {
-  FrameMessageReader reader("stdin");
+  const Config config;
+  FrameMessageReader reader("stdin", config);
   reader.Append("\x7f");
   try {
     reader.Next();

@@ -46,7 +46,9 @@ class VoxelNumbers {
   }
 
   std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key, std::uint32_t hash) {
-    if (3 * (static_cast<std::size_t>(size_) + 1) > 2 * slots_.size()) Grow();
+    if (3 * (static_cast<std::size_t>(size_) + 1) > 2 * slots_.size()) {
+      MoveTo(std::max(kMinSlots, 5 * slots_.size() / 4));
+    }
     Slot& slot = slots_[SlotOf(grid, key, hash)];
     if (!slot.IsFree()) return slot.number;
     if (size_ == Slot::kFree) throw std::bad_alloc();
@@ -94,9 +96,9 @@ class VoxelNumbers {
       if (number == kNone) continue;
       slots_[SlotOf(old)] = Slot(old.grid, old.Key(), number);
     }
-    if (const std::size_t enough = NumSlotsFor(size_); kShrinkFactor * enough <= slots_.size()) {
-      MoveTo(enough);
-    }
+    // A table that is nearly as full as it may be.
+    const std::size_t enough = std::max(kMinSlots, 7 * (std::size_t{size_} + 1) / 4);
+    if (kShrinkFactor * enough <= slots_.size()) MoveTo(enough);
   }
 
  private:
@@ -122,13 +124,6 @@ class VoxelNumbers {
     std::uint32_t grid : 6;
     std::uint32_t number : 26;
   };
-
-  // Returns the size of a table that is nearly as full as it may be.
-  static std::size_t NumSlotsFor(std::size_t size) {
-    return std::max(kMinSlots, 7 * (size + 1) / 4);
-  }
-
-  void Grow() { MoveTo(std::max(kMinSlots, 5 * slots_.size() / 4)); }
 
   // Rehashes into a table of another size.
   void MoveTo(std::size_t num_slots) {

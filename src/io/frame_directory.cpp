@@ -145,14 +145,9 @@ std::vector<FrameFile> ListFrames(const std::string& directory, FrameClock* cloc
   std::vector<FrameFile> frames;
   for (const std::string& name : names) {
     const std::string path = (fs::path(directory) / name).string();
-    if (listed) {
-      frames.push_back({path, listed->at(name)});
-      continue;
-    }
-    const std::string_view stem = StemOf(name);
-    const std::optional<TimeNs> stamp_ns = clock->TimeOf(stem);
+    const std::optional<TimeNs> stamp_ns = listed ? listed->at(name) : clock->TimeOf(StemOf(name));
     if (!stamp_ns) {
-      throw InputError(path + ": " + Quoted(stem) + " is no stamp, " + kExpectedStamp +
+      throw InputError(path + ": " + Quoted(StemOf(name)) + " is no stamp, " + kExpectedStamp +
                        ", a mere number such as 000123, or a row of timestamps.csv");
     }
     frames.push_back({path, *stamp_ns});

@@ -110,6 +110,7 @@ enum class Rule {
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
   kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
   kGroundPast,       // [S] paths of ground targets do not go on to drones
+  kGroundClaim,      // [S] a lost track leaves their plots to ground targets
   kLikelierRefusal,  // [S] most plots of a likelier path that a gate refuses are no target
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
   kOnStructure,      // gates: people and vehicles on bridges and roofs,

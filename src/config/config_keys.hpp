@@ -102,6 +102,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"collection", Rule::kCollection},
                        {"agility_change", Rule::kAgilityChange},
                        {"ground_past", Rule::kGroundPast},
+                       {"ground_claim", Rule::kGroundClaim},
                        {"likelier_refusal", Rule::kLikelierRefusal},
                        {"clutter_learning", Rule::kClutterLearning},
                        {"pause", Rule::kPause},

@@ -50,14 +50,22 @@ void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track*
 }
 
 const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& plots,
-                                                 const FrameTime& at) {
+                                                 const FrameTime& at,
+                                                 const std::vector<double>& ground_gains) {
   claims_.assign(plots.size(), Claim());
+  // A plot of a ground target is no sighting of a track that has been lost.
+  const auto is_of_ground_target = [&](std::size_t plot, const TrackFollower& lost, double gain) {
+    return !ground_gains.empty() && ground_gains[plot] > std::max(gain, 0.0) &&
+           lost.IsLost(at.time_s);
+  };
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
     SetAdaptedPlots(plots, &tracks_[t]);
     follower.SetGains(tracks_[t].adapted_plots, at, &gains_);
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
+      if (gains_[i] > claims_[i].gain && !is_of_ground_target(i, follower, gains_[i])) {
+        claims_[i] = {gains_[i], t};
+      }
     }
   }
   are_free_.clear();
@@ -65,12 +73,18 @@ const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& pl
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     are_allowed_ = are_free_;
     for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (is_of_ground_target(i, *tracks_[t].follower, kMinClaimGain)) are_allowed_[i] = 0;
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
     tracks_[t].follower->Extend(tracks_[t].adapted_plots, are_allowed_, at);
     tracks_[t].is_new = false;
   }
   return are_free_;
+}
+
+bool ConfirmedTracks::HasLost(double time_s) const {
+  return std::any_of(tracks_.begin(), tracks_.end(),
+                     [&](const Track& track) { return track.follower->IsLost(time_s); });
 }
 
 std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {

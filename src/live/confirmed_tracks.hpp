@@ -35,8 +35,13 @@ class ConfirmedTracks {
 
   // Extends the tracks by the plots of a frame at `at`. A plot goes to at most one track, the one
   // with the highest gain. Returns (plots) true for free ones, valid until the next call: no track
-  // explains them better than clutter, so they may belong to another target.
-  const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at);
+  // explains them better than clutter, so they may belong to another target. `ground_gains` (plots;
+  // empty: all 0): of the plots as those of ground targets. A lost track leaves such to these.
+  const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at,
+                                  const std::vector<double>& ground_gains = {});
+
+  // True if a track must be reacquired: GetGroundGains() is needed.
+  bool HasLost(double time_s) const;
 
   // Returns the number of the track to which Extend() assigned a plot, if any. To be called before
   // tracks begin or end.
@@ -86,7 +91,7 @@ class ConfirmedTracks {
   // The track with the highest gain from a plot.
   struct Claim {
     double gain = -1e9;
-    std::size_t track = 0;
+    std::size_t track = ~std::size_t{0};  // none
   };
 
   struct Track {

@@ -45,6 +45,10 @@ class LiveSearch {
   // Takes the next frame. Returns its frame time, which its plots share.
   const FrameTime& Begin(const SceneFrame& frame);
 
+  // Sets `gains` (plots of the frame begun) to their gains as plots of paths that were refused as
+  // near the ground less than a second before; 0 without one. Empty: the rule is off.
+  void GetGroundGains(const SceneFrame& frame, std::vector<double>* gains) const;
+
   // Extends the search to the plots of that frame. `are_free` (plots): true if no track has the
   // plot. Returns the paths that end in this frame and reach the score threshold, best first, valid
   // until the next call.

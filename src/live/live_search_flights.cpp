@@ -75,6 +75,24 @@ void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rej
   for (const std::uint32_t i : members) refusals_[i] = {num_scans_, rejection};
 }
 
+void LiveSearch::GetGroundGains(const SceneFrame& frame, std::vector<double>* gains) const {
+  constexpr double kMaxPauseS = 1.0;
+  const auto is_ground_target = [&](const Hypothesis& h) {
+    return h.is_near_ground && h.score >= score_threshold_ &&
+           frame_time_.time_s - h.time_s < kMaxPauseS &&
+           refusals_[static_cast<std::size_t>(h.plot)].rejection == Rejection::kNearGround;
+  };
+  if (!config_.robust.Uses(Rule::kGroundClaim)) return gains->clear();
+  gains->assign(frame.plots.size(), 0.0);
+  for (std::size_t i = 0; i < frame.plots.size(); ++i) {
+    const Plot& plot = frame.plots[i].plot;
+    if (plot.lowest_m > config_.robust.off_ground_m) continue;
+    for (const TrackSearch& search : searches_) {
+      (*gains)[i] = std::max((*gains)[i], search.GainOf(plot, frame_time_, is_ground_target));
+    }
+  }
+}
+
 // Returns the rule that refused the likelier paths of this frame to which most of these plots
 // belong: a path of some of them and of strays would pass it.
 Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& members) const {

@@ -95,7 +95,9 @@ void LiveTracker::Search() {
 // Extends the tracks and the search, and initiates tracks from the paths found.
 void LiveTracker::Confirm() {
   const FrameTime& at = search_.Begin(frame_);
-  const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at);
+  ground_gains_.clear();
+  if (tracks_.HasLost(at.time_s)) search_.GetGroundGains(frame_, &ground_gains_);
+  const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at, ground_gains_);
   const Queue<Path>& paths = search_.Extend(frame_, are_free);
   if (trace_.is_on()) TraceFrame();
   for (const Path& found : paths) {

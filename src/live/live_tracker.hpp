@@ -73,7 +73,8 @@ class LiveTracker {
   SceneFrame frame_;                                         // current one
   TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest frame searched
   double cleaned_up_s_ = 0.0;
-  std::vector<double> scores_;  // (plots of frame_) of the best path to each, if traced
+  std::vector<double> ground_gains_;  // (plots of frame_)
+  std::vector<double> scores_;        // (plots of frame_) of the best path to each, if traced
 };
 
 }  // namespace unlidar

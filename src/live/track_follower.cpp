@@ -236,6 +236,10 @@ std::int32_t TrackFollower::ConfirmedAt(std::int32_t leaf) const {
   return std::max(settled_, NodeAt(leaf).confirmed);
 }
 
+bool TrackFollower::IsLost(double time_s) const {
+  return time_s - NodeAt(NewestConfirmed()).h.time_s > kMaxCoastS;
+}
+
 TimeNs TrackFollower::last_evidence_ns() const {
   return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns;
 }

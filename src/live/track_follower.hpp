@@ -67,6 +67,9 @@ class TrackFollower {
   // Returns where the target was at a time, or is predicted to be.
   Eigen::Vector3d PlaceAtM(double time_s) const;
 
+  // True if the target has not been seen for so long that it must be reacquired.
+  bool IsLost(double time_s) const;
+
   double score() const { return NodeAt(BestLeaf()).h.score; }
 
  private:

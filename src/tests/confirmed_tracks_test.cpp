@@ -210,6 +210,25 @@ TEST(ConfirmedTracks, OneThatWasSeenInEveryFrameDoesNotGoOnByStrays) {
   EXPECT_EQ(LastFrameWithEvidence(-14.0), 99);  // in open air it is the drone
 }
 
+TEST(ConfirmedTracks, OneThatIsLostLeavesItsPlotsToAGroundTarget) {
+  for (const double ground_gain : {0.0, 1e-3, 100.0}) {
+    for (const int pause : {3, 30}) {
+      Tracks t;
+      const int last = 64 + pause;
+      const bool is_left = pause == 30 && ground_gain == 100.0;
+      for (int i = 0; i <= last; ++i) t.tracks.AddInstants(FrameAt(i));
+      t.Initiate(FlightUntil(60, DroneAt));
+      for (int i = 60 + pause; i <= last; ++i) {
+        t.tracks.Extend({DroneAt(i)}, MomentAt(i), {ground_gain});
+        EXPECT_EQ(t.tracks.TrackOf(0).has_value(), !is_left) << ground_gain << " " << pause;
+      }
+      t.tracks.Close(kEndless);
+      ASSERT_EQ(t.ended.size(), 1U);
+      EXPECT_EQ(t.ended[0].last_evidence_ns, DroneAt(is_left ? 59 : last).plot.time_ns);
+    }
+  }
+}
+
 TEST(ConfirmedTracks, AFlightIsATrackOnce) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));

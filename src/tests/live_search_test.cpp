@@ -326,6 +326,38 @@ TEST(LiveSearch, AVerdictStandsUntilAPathHasGrownByATenthOrByAPath) {
   EXPECT_GT(num_judged, 20U);
 }
 
+TEST(LiveSearch, PlotsOfAPathThatIsRefusedAsNearTheGroundAreThoseOfAGroundTarget) {
+  const auto gain_of = [](double height_m, const Config& config, bool is_refused) {
+    Plots plots(config);
+    const auto place_m = [](int i) {
+      return Eigen::Vector3d(1.5 * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
+    };
+    for (int i = 0; i < 40; ++i) {
+      for (const Path& path : plots.Add(i, place_m(i), 0.6)) {
+        if (!is_refused) continue;
+        EXPECT_EQ(plots.search().Judge(path), Rejection::kNearGround);
+      }
+    }
+    SceneFrame frame;
+    frame.info = testing::FrameAt(40);
+    frame.time_s = testing::MiddleS(40);
+    frame.plots.push_back(PlotIn(frame, 40, place_m(40)));
+    frame.plots[0].plot.variance_m2 = 0.03;
+    frame.plots[0].plot.lowest_m = height_m;
+    frame.plots[0].plot.log_clutter = -3.0;
+    plots.search().Begin(frame);
+    std::vector<double> gains;
+    plots.search().GetGroundGains(frame, &gains);
+    return gains.empty() ? -1.0 : gains[0];
+  };
+  EXPECT_GT(gain_of(0.6, Config(), true), 3.0);
+  EXPECT_EQ(gain_of(0.6, Config(), false), 0.0);
+  EXPECT_EQ(gain_of(6.0, Config(), true), 0.0);
+  Config config;
+  config.robust.disabled_rules = {Rule::kGroundClaim};
+  EXPECT_EQ(gain_of(0.6, config, true), -1.0);
+}
+
 TEST(LiveSearch, ThatAPathHasTooFewDetectionsStandsForNoneThatItGets) {
   for (const Rejection rejection : {Rejection::kTooFewDetections, Rejection::kWeakReturn}) {
     Plots plots;

@@ -287,6 +287,12 @@ Hypothesis TrackModel::PredictAndUpdate(const Hypothesis& from, const Plot& plot
   return Update(from, motion, p, plot, at, ScoreIncrementOf(p, plot));
 }
 
+double TrackModel::GainOf(const Hypothesis& from, const Plot& plot, const FrameTime& at) const {
+  const Prediction p =
+      Predict(from, PredictedScore(from, at), MotionOver(at.time_s - from.time_s), at);
+  return p.score + ScoreIncrementOf(p, plot).log - ScoreAfterMisses(from, at);
+}
+
 ScoreBound TrackModel::BoundOf(const State& state, const Motion& motion,
                                const AxisVariances& steady, const AxisVariances& agile,
                                const FrameBounds& frame, double steady_top) const {

@@ -219,6 +219,10 @@ class TrackModel {
   // Same, including the prediction; the frames until `at` are missed detections.
   Hypothesis PredictAndUpdate(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
 
+  // Returns the score of a hypothesis with a plot of the frame at `at` over that with a missed
+  // detection there.
+  double GainOf(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
+
   // Bound of the scores of a state after a motion, of which `steady` and `steady_top` are
   // SteadyVariancesOf() and TopOf(). Its agile top has the density of the steady one, which costs
   // no logarithm; AgileTopOf() is lower.

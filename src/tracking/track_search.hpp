@@ -1,6 +1,7 @@
 // Best paths through plots by dynamic programming over frames.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -44,6 +45,19 @@ class TrackSearch {
   // Raises `scores` (plots of the last scan, the first of which is `first`) to the score of the
   // best path of at least kMinPathPlots to each plot.
   void RaiseScores(std::size_t first, std::vector<double>* scores) const;
+
+  // Returns the highest gain of a plot of a later frame at `at` over a missed detection, of the
+  // hypotheses that satisfy `is_one(hypothesis)`; 0 if none is positive.
+  template <class IsOne>
+  double GainOf(const Plot& plot, const FrameTime& at, const IsOne& is_one) const {
+    double gain = 0.0;
+    for (const Hypothesis& from : active_) {
+      if (is_one(from)) {
+        gain = std::max(gain, model_.GainOf(from, plot, at));
+      }
+    }
+    return gain;
+  }
 
   // Starts from this hypothesis, whose plot must be earlier than all that follow.
   void Begin(const Hypothesis& hypothesis) {

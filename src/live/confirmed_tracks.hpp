@@ -40,7 +40,7 @@ class ConfirmedTracks {
   const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at,
                                   const std::vector<double>& ground_gains = {});
 
-  // True if a track must be reacquired: GetGroundGains() is needed.
+  // True if a track must be reacquired, so that Extend() needs `ground_gains`.
   bool HasLost(double time_s) const;
 
   // Returns the number of the track to which Extend() assigned a plot, if any. To be called before

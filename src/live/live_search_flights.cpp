@@ -77,16 +77,19 @@ void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rej
 
 void LiveSearch::GetGroundGains(const SceneFrame& frame, std::vector<double>* gains) const {
   constexpr double kMaxPauseS = 1.0;
-  const auto is_ground_target = [&](const Hypothesis& h) {
-    return h.is_near_ground && h.score >= score_threshold_ &&
-           frame_time_.time_s - h.time_s < kMaxPauseS &&
-           refusals_[static_cast<std::size_t>(h.plot)].rejection == Rejection::kNearGround;
-  };
   if (!config_.robust.Uses(Rule::kGroundClaim)) return gains->clear();
+  const auto is_low = [&](const Plot& plot) {
+    return plot.lowest_m <= config_.robust.off_ground_m;
+  };
+  const auto is_ground_target = [&](const Hypothesis& h) {
+    const auto last = static_cast<std::size_t>(h.plot);
+    return h.score >= score_threshold_ && frame_time_.time_s - h.time_s < kMaxPauseS &&
+           is_low(recent_plots_[last].plot) && refusals_[last].rejection == Rejection::kNearGround;
+  };
   gains->assign(frame.plots.size(), 0.0);
   for (std::size_t i = 0; i < frame.plots.size(); ++i) {
     const Plot& plot = frame.plots[i].plot;
-    if (plot.lowest_m > config_.robust.off_ground_m) continue;
+    if (!is_low(plot)) continue;
     for (const TrackSearch& search : searches_) {
       (*gains)[i] = std::max((*gains)[i], search.GainOf(plot, frame_time_, is_ground_target));
     }

@@ -59,7 +59,7 @@ struct Hypothesis {
   // and of that of `other_sensor`, once TrackModel::SetOtherSensor() has set both.
   double other_log_detection_probability = 0.0;
   std::uint32_t other_sensor = kNoSensor;
-  bool is_near_ground = false;  // its last plot; set by the search
+  bool is_near_ground = false;  // its last plot, once it has two; set by the search
   State state;
   std::uint32_t sensor = 0;     // of its last plot
   std::uint32_t frames = 0;     // of that sensor up to its last plot

@@ -26,15 +26,21 @@ struct Column {
   std::size_t stride = 0;
 };
 
+// Apart from its caller, where a signed char that is widened looks like a character.
+template <typename Source, typename Target>
+Target Converted(Source value) {
+  if constexpr (std::is_same_v<Source, std::uint64_t> && std::is_same_v<Target, std::int64_t>) {
+    value = std::min<Source>(value, std::numeric_limits<Target>::max());
+  }
+  return static_cast<Target>(value);
+}
+
 template <typename Source, typename Target>
 void CopyColumnAs(Column column, std::size_t count, Target* to, std::size_t to_stride) {
   for (std::size_t i = 0; i < count; ++i) {
     Source value;
     std::memcpy(&value, column.data + i * column.stride, sizeof(value));
-    if constexpr (std::is_same_v<Source, std::uint64_t> && std::is_same_v<Target, std::int64_t>) {
-      value = std::min<Source>(value, std::numeric_limits<Target>::max());
-    }
-    to[i * to_stride] = static_cast<Target>(value);
+    to[i * to_stride] = Converted<Source, Target>(value);
   }
 }
 

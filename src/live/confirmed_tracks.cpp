@@ -55,7 +55,7 @@ const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& pl
   claims_.assign(plots.size(), Claim());
   // A plot of a ground target is no sighting of a track that has been lost.
   const auto is_of_ground_target = [&](std::size_t plot, const TrackFollower& lost, double gain) {
-    return !ground_gains.empty() && ground_gains[plot] > std::max(gain, 0.0) &&
+    return !ground_gains.empty() && ground_gains[plot] > std::max(gain, kMinClaimGain) &&
            lost.IsLost(at.time_s);
   };
   for (std::size_t t = 0; t < tracks_.size(); ++t) {

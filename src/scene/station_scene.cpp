@@ -92,7 +92,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const OwnVoxels& voxels,
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     SetPlaceRate(ReturnsOf(p), &plot);
-    SetWatchedBelow(carrier, &plot);
+    SetWatched(carrier, &plot);
     SetAboveStructure(shift_m, &plot);
     plot.position_m += shift_m.cast<double>();
   }
@@ -128,9 +128,10 @@ double StationScene::MeanStrayRate(const IndexView& returns) const {
   return rate;
 }
 
-void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const {
-  if (plot->column_m <= kBelowPlotM) return;
+void StationScene::SetWatched(const CarrierPose& carrier, Plot* plot) const {
   const Eigen::Matrix3d to_carrier = carrier.rotation.conjugate().toRotationMatrix().cast<double>();
+  plot->beam_step_m = static_cast<float>(watched_.BeamStepM(to_carrier * plot->ray_m));
+  if (plot->column_m <= kBelowPlotM) return;
   const auto share_between = [&](double low_m, double high_m) {
     return watched_.Share(to_carrier * (plot->ray_m + low_m * Eigen::Vector3d::UnitZ()),
                           to_carrier * (plot->ray_m + high_m * Eigen::Vector3d::UnitZ()));

@@ -60,7 +60,7 @@ class StationScene {
   void DropStrays(const std::vector<Eigen::Vector3f>& points_m);
   double MeanStrayRate(const IndexView& returns) const;
   void SetAboveStructure(const Eigen::Vector3f& shift_m, Plot* plot) const;
-  void SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const;
+  void SetWatched(const CarrierPose& carrier, Plot* plot) const;
   void SetPlaceRate(const IndexView& returns, Plot* plot) const;
 
   const RobustConfig* config_;

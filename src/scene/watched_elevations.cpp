@@ -12,6 +12,16 @@ constexpr std::ptrdiff_t kBandsBeside = 20;
 constexpr double kMinShareOfMean = 0.05;
 constexpr double kLeastRangeM = 1e-6;  // what is nearer has no direction
 constexpr std::uint32_t kMaxReturns = 1U << 30U;
+// Beams are not farther apart: 4.5 degrees at the horizon. Bands that are watched side by side in a
+// wider strip are no beam.
+constexpr std::ptrdiff_t kMaxStep = 45;
+constexpr std::ptrdiff_t kMaxBeam = 4;
+
+// Place of a ray among so many bands.
+double BandOf(const Eigen::Vector3d& ray_m, std::size_t num_bands) {
+  const double range_m = std::max(ray_m.norm(), kLeastRangeM);
+  return (1.0 + ray_m.z() / range_m) / 2.0 * static_cast<double>(num_bands);
+}
 
 }  // namespace
 
@@ -46,21 +56,61 @@ void WatchedElevations::Update() {
     const bool is_watched = returns_[b] > 0 && returns_[b] > kMinShareOfMean * mean;
     watched_below_[b + 1] = watched_below_[b] + (is_watched ? 1.0F : 0.0F);
   }
+  FindBeams();
+}
+
+// The step between two beams is that of all bands from one to the other. Beyond the outermost known
+// ones, as in an empty sky, beams are as far apart as the nearest that are known.
+void WatchedElevations::FindBeams() {
+  const auto num_bands = static_cast<std::ptrdiff_t>(kBands);
+  const auto is_watched = [this](std::ptrdiff_t band) {
+    const auto b = static_cast<std::size_t>(band);
+    return watched_below_[b + 1] > watched_below_[b];
+  };
+  constexpr float kUnknown = -1.0F;
+  beam_steps_.fill(kUnknown);
+  std::ptrdiff_t begin = 0;    // of the strip that is watched
+  std::ptrdiff_t before = -1;  // middle of the one below
+  for (std::ptrdiff_t end = 0; end <= num_bands; ++end) {
+    if (end < num_bands && is_watched(end)) continue;
+    if (end > begin) {
+      const std::ptrdiff_t middle = (begin + end) / 2;
+      const std::ptrdiff_t step = middle - before;
+      if (end - begin > kMaxBeam) {
+        std::fill(beam_steps_.begin() + begin, beam_steps_.begin() + end, 0.0F);
+      } else if (before >= 0 && step <= kMaxStep) {
+        std::fill(beam_steps_.begin() + before, beam_steps_.begin() + middle,
+                  static_cast<float>(step));
+      }
+      before = middle;
+    }
+    begin = end + 1;
+  }
+  float last = 0.0F;
+  const auto first_known =
+      std::find_if(beam_steps_.begin(), beam_steps_.end(), [](float step) { return step >= 0.0F; });
+  if (first_known != beam_steps_.end()) last = *first_known;
+  for (float& step : beam_steps_) last = step = step < 0.0F ? last : step;
 }
 
 double WatchedElevations::Share(const Eigen::Vector3d& from_m, const Eigen::Vector3d& to_m) const {
-  const auto at = [](const Eigen::Vector3d& ray_m) {
-    const double range_m = std::max(ray_m.norm(), kLeastRangeM);
-    return (1.0 + ray_m.z() / range_m) / 2.0 * static_cast<double>(kBands);
-  };
   const auto below = [this](double bands) {
     const std::size_t band = std::min(static_cast<std::size_t>(bands), kBands - 1);
     const double first = watched_below_[band];
     return first + (bands - static_cast<double>(band)) * (watched_below_[band + 1] - first);
   };
-  const double from = at(from_m);
-  const double to = at(to_m);
+  const double from = BandOf(from_m, kBands);
+  const double to = BandOf(to_m, kBands);
   return to > from ? (below(to) - below(from)) / (to - from) : 1.0;
+}
+
+// Bands are of the sine of the elevation: across a ray they are as wide as they are high, over its
+// cosine.
+double WatchedElevations::BeamStepM(const Eigen::Vector3d& ray_m) const {
+  const double level_m = std::max(ray_m.head<2>().norm(), kLeastRangeM);
+  const auto band = static_cast<std::size_t>(BandOf(ray_m, kBands));
+  const auto bands = static_cast<double>(beam_steps_[std::min(band, kBands - 1)]);
+  return bands * 2.0 / static_cast<double>(kBands) * ray_m.squaredNorm() / level_m;
 }
 
 }  // namespace unlidar

@@ -81,6 +81,25 @@ TEST(WatchedElevations, WhatIsAtTheViewpointHasNone) {
   EXPECT_EQ(watched.Share(Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitZ()), 0.0);
 }
 
+TEST(WatchedElevations, BeamsAreOneStepApart) {
+  Random random(1);
+  const WatchedElevations watched = Watched(Frame(true, &random));
+  for (double elevation_deg = -14.9; elevation_deg < 14.9; elevation_deg += 0.3) {
+    const Eigen::Vector3d ray_m = At(0.5, elevation_deg, 30.0);
+    EXPECT_NEAR(watched.BeamStepM(ray_m), 30.0 * 1.5 * kDegree_rad, 0.06) << elevation_deg;
+  }
+  // In the empty sky beams are as far apart as the nearest that are known.
+  EXPECT_NEAR(watched.BeamStepM(At(0.5, 25.0, 30.0)), 30.0 * 1.5 * kDegree_rad, 0.1);
+}
+
+TEST(WatchedElevations, WhereAllIsWatchedOrNothingIsKnownThereIsNoStep) {
+  Random random(1);
+  const WatchedElevations watched = Watched(Frame(false, &random));
+  EXPECT_EQ(watched.BeamStepM(At(0.5, 3.0, 30.0)), 0.0);
+  EXPECT_EQ(watched.BeamStepM(At(0.5, 40.0, 30.0)), 0.0);
+  EXPECT_EQ(WatchedElevations().BeamStepM(At(0.5, 3.0, 30.0)), 0.0);
+}
+
 TEST(WatchedElevations, BeamsTiltWithTheirCarrier) {
   Random random(1);
   CarrierPose carrier;

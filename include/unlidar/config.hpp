@@ -84,8 +84,8 @@ struct TrackerConfig {
 
 struct CollectConfig {
   double extent_sigma_m = 0.15;  // spread of the returns over the target, per axis
-  // Distance of the target's centre behind the centroid of its returns, over their spread: 1.33 for
-  // a sphere, less for a flat object with gaps; 0 leaves the centroid.
+  // Distance of the target's centre behind the centroid of its returns, over their spread, unless
+  // they show a ball (Rule::kRoundBodies), which has 1.33; 0 leaves the centroid.
   double centroid_offset = 0.4;
   // Disagreement of two sensors in position and clock, prior standard deviations.
   double sensor_bias_m = 0.2;
@@ -107,6 +107,7 @@ enum class Rule {
   kStrayGroups,      // more returns side by side than strays group to by chance are kept
   kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
   kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
+  kRoundBodies,      // how far the centre lies behind the returns is told by their shape
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
   kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
   kGroundPast,       // [S] paths of ground targets do not go on to drones

@@ -1,25 +1,27 @@
 #include "collection/body.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace unlidar {
 namespace {
 
-// Columns: along the ray, across it horizontally, across both.
-Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
-  Eigen::Matrix3d axes;
-  axes.col(0) = ray_m.stableNormalized();
-  axes.col(1) = AcrossRay(axes.col(0));
-  axes.col(2) = axes.col(0).cross(axes.col(1));
-  return axes;
-}
+constexpr double kHeightOfWidth = 0.5;
 
 }  // namespace
 
 Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m) {
   const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(ray_m).stableNormalized();
   return across.squaredNorm() < 0.5 ? Eigen::Vector3d(Eigen::Vector3d::UnitX()) : across;
+}
+
+Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
+  Eigen::Matrix3d axes;
+  axes.col(0) = ray_m.stableNormalized();
+  axes.col(1) = AcrossRay(axes.col(0));
+  axes.col(2) = axes.col(0).cross(axes.col(1));
+  return axes;
 }
 
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m) {
@@ -39,8 +41,8 @@ Eigen::Matrix3d MeasurementCovarianceM2(const BodySigmas& body, const Eigen::Vec
          (ReturnCovarianceM2(body, ray_m) + streak_m2) / num_returns;
 }
 
-Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ray_m, double share) {
-  return share * body_sigma_m * ray_m.stableNormalized();
+double ElevationVarianceM2(double beam_step_m, double body_sigma_m) {
+  return std::min(Square(beam_step_m) / 12.0, Square(kHeightOfWidth * body_sigma_m));
 }
 
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
@@ -69,15 +71,24 @@ void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
       streak_m2.unaryExpr([&](double one_m2) { return BodyWeight(variance_m2_, one_m2); });
   const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
   const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();
+  offsets_m_.clear();
   for (const std::uint32_t i : returns) {
     const double elapsed_s = SecondsOf(recording.times_ns[i] - expected.time_ns);
     const Eigen::Vector3d offset_m = recording.points_m[i].cast<double>() - expected.position_m -
                                      elapsed_s * expected.velocity_mps;
-    sums_m2_ += weight * ((axes.transpose() * offset_m).array().square() - streak_m2);
+    offsets_m_.push_back(axes.transpose() * offset_m);
+    sums_m2_ += weight * (offsets_m_.back().array().square() - streak_m2);
     weights_ += weight;
     across_m2_ += has_streak * std::pow(across.dot(offset_m), 2);
     count_ += 1.0;
   }
+  if (!ShowsShape(variance_m2_, streak_m2[1])) return;
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& one_m : offsets_m_) mean_m += one_m;
+  mean_m /= static_cast<double>(offsets_m_.size());
+  FacingSums sums;
+  for (const Eigen::Vector3d& one_m : offsets_m_) sums.Add(one_m - mean_m);
+  facing_side_.Add(sums);
 }
 
 BodySigmas BodySpread::Sigmas() const {

@@ -6,6 +6,7 @@
 
 #include "base/maths.hpp"
 #include "base/recording.hpp"
+#include "collection/facing_side.hpp"
 
 namespace unlidar {
 
@@ -19,6 +20,9 @@ struct BodySigmas {
 
 // Unit vector across a ray, horizontal; any such one for a vertical ray.
 Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m);
+
+// Axes of a ray, in columns: along it, across it horizontally, and across both, upwards.
+Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m);
 
 // Covariance in world axes (z up) for a ray from the sensor.
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m);
@@ -37,9 +41,10 @@ Eigen::Matrix3d ReturnCovarianceM2(const BodySigmas& body, const Eigen::Vector3d
 Eigen::Matrix3d MeasurementCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m,
                                         const Eigen::Matrix3d& streak_m2, double num_returns);
 
-// Distance vector from the mean of the returns to the centre of a body behind it: only the side
-// that faces the sensor is seen. `share`: CollectConfig::centroid_offset.
-Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ray_m, double share);
+// Variance of the height of the centre about the beams that hit it, which are `beam_step_m` apart
+// and the same in all frames: it lies anywhere between two of them, or anywhere within the body
+// where that is lower. Multicopters are half as high as wide.
+double ElevationVarianceM2(double beam_step_m, double body_sigma_m);
 
 // Covariance of the streak: motion of the target during a frame without point times; zero with
 // them. `length_s`: of the time in which the returns may have been measured.
@@ -52,12 +57,16 @@ inline double BodyWeight(double body_m2, double streak_m2) {
   return Square(body_m2 / (body_m2 + streak_m2));
 }
 
+// True if a target moves so little while its returns are measured that they show its shape.
+// `moved_m2`: variance of that motion across the ray.
+inline bool ShowsShape(double body_m2, double moved_m2) { return moved_m2 < 0.1 * body_m2; }
+
 // Number of returns that the prior of the size of a target is worth.
 constexpr double kBodyPriorReturns = 10.0;
 
-// Estimates the size of a target from its returns, with a prior of a few returns of size sigma_m.
-// Streaks are subtracted; but a sensor may pass over a target at once and draw none, so for long
-// streaks no size is smaller than the spread across them.
+// Estimates size and shape of a target from its returns, the size with a prior of a few returns of
+// size sigma_m. Streaks are subtracted; but a sensor may pass over a target at once and draw none,
+// so for long streaks no size is smaller than the spread across them.
 class BodySpread {
  public:
   explicit BodySpread(double sigma_m);
@@ -68,6 +77,7 @@ class BodySpread {
            const std::vector<std::uint32_t>& returns, const TrajectoryRow& expected);
 
   BodySigmas Sigmas() const;
+  const FacingSide& facing_side() const { return facing_side_; }
 
  private:
   double variance_m2_;
@@ -75,6 +85,8 @@ class BodySpread {
   Eigen::Array3d weights_;
   double across_m2_ = 0.0;
   double count_;
+  FacingSide facing_side_;
+  std::vector<Eigen::Vector3d> offsets_m_;  // buffer: of the returns of a frame, in ray axes
 };
 
 }  // namespace unlidar

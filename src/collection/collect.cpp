@@ -204,6 +204,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   const CollectConfig& config = robust.collect;
   Target target;
   BodySigmas body{config.extent_sigma_m, config.extent_sigma_m, config.extent_sigma_m};
+  FacingShare facing = FacingSide().Share(body.width_m, config.centroid_offset);
   std::vector<int> returns(recording.sensors.size(), 0);
   for (const Plot& plot : path) {
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
@@ -221,12 +222,12 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   // seen from the main sensor.
   const auto depth_m = [&](TimeNs time_ns, const Eigen::Vector3d& place_m) {
     return FacingSideOffsetM(body.width_m, place_m - NearestViewpointM(main_viewpoints, time_ns),
-                             config.centroid_offset);
+                             facing.mean);
   };
   // Offset from the mean that is seen in a frame to that of the main sensor; zero in its own.
   const auto facing_offset_m = [&](const FrameInfo& frame, const Eigen::Vector3d& place_m) {
     const Eigen::Vector3d ray_m = RayM(station_models[frame.sensor], frame, place_m);
-    return Eigen::Vector3d(FacingSideOffsetM(body.width_m, ray_m, config.centroid_offset) -
+    return Eigen::Vector3d(FacingSideOffsetM(body.width_m, ray_m, facing.mean) -
                            depth_m(frame.middle_ns(), place_m));
   };
   for (const Plot& plot : path) {
@@ -317,6 +318,9 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     std::stable_sort(next.measurements.begin(), next.measurements.end(), By(&Measurement::time_ns));
     std::sort(next.returns.begin(), next.returns.end());
     body = spread.Sigmas();
+    if (robust.Uses(Rule::kRoundBodies)) {
+      facing = spread.facing_side().Share(body.width_m, config.centroid_offset);
+    }
     const bool is_settled = next.returns == target.returns;
     target = std::move(next);
     if (is_settled && round > 0) break;
@@ -325,10 +329,16 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   for (Measurement& m : target.measurements) {
     m.position_m += depth_m(m.time_ns, m.position_m);
   }
-  target.depth_sigma_m = kFacingSideSigma * body.width_m;
+  target.common_errors.depth_sigma_m = facing.sigma * body.width_m;
+  double elevation_m2 = 0.0;
+  for (const Plot& plot : path) {
+    elevation_m2 += ElevationVarianceM2(plot.beam_step_m, body.width_m);
+  }
+  target.common_errors.elevation_sigma_m =
+      std::sqrt(elevation_m2 / static_cast<double>(path.size()));
   // All delays are relative to the main sensor.
   target.time_bias_ns = NsOf(timings[main_sensor].TimeBiasS());
-  target.time_sigma_s = std::sqrt(timings[main_sensor].VarianceS2());
+  target.common_errors.time_sigma_s = std::sqrt(timings[main_sensor].VarianceS2());
   return target;
 }
 

@@ -99,6 +99,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"stray_groups", Rule::kStrayGroups},
                        {"local_clutter", Rule::kLocalClutter},
                        {"second_round", Rule::kSecondRound},
+                       {"round_bodies", Rule::kRoundBodies},
                        {"collection", Rule::kCollection},
                        {"agility_change", Rule::kAgilityChange},
                        {"ground_past", Rule::kGroundPast},

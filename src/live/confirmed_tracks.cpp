@@ -237,8 +237,7 @@ void ConfirmedTracks::SetSource(const Track& track, const TimeInterval& presence
   source_.trajectory = follower.fit().trajectory();
   source_.trajectory.origin_ns += follower.time_bias_ns();
   source_.presence = presence;
-  source_.depth_sigma_m = follower.depth_sigma_m();
-  source_.time_sigma_s = follower.time_sigma_s();
+  source_.common_errors = follower.common_errors();
   SetViewpoints(follower.fit().measurements(), &source_.viewpoints);
   source_.covariance_inflations.clear();
   source_.max_sigma_m = max_sigma_m;

@@ -11,6 +11,7 @@
 
 #include "base/block_queue.hpp"
 #include "base/symmetric_matrix.hpp"
+#include "collection/facing_side.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
@@ -30,6 +31,7 @@ struct LivePlot {
   // Sums over its returns: of the squares of their offsets from their mean, of the products of
   // these and the offsets of their times, and of the squares of the latter.
   SymmetricMatrix scatter_m2;
+  FacingSums facing_sums;
   Eigen::Vector3f time_covariance_ms = Eigen::Vector3f::Zero();
   float time_scatter_s2 = 0.0F;
 };

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
+#include "collection/body.hpp"
 
 namespace unlidar {
 namespace {
@@ -213,15 +214,16 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
       seen.plot.place_rate = station.scene.occupancy().RateAround(
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }
+    const Eigen::Matrix3d to_ray_axes = RayAxes(seen.plot.ray_m).transpose();
     Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
-    std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);
+    std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);  // none is least
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
       scatter_m2 += d * d.transpose();
+      seen.facing_sums.Add(to_ray_axes * d);
       const double after_s = unlidar::SecondsOf(frame_.times_ns[i] - seen.plot.time_ns);
       seen.time_covariance_ms += (after_s * d).cast<float>();
       seen.time_scatter_s2 += static_cast<float>(after_s * after_s);
-      // nullopt compares less than any bin
       dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);
     }
     seen.scatter_m2 = SymmetricMatrix(scatter_m2);

@@ -17,9 +17,7 @@ constexpr std::size_t kMaxDifferences = 60;
 }  // namespace
 
 TrackFit::TrackFit(const CollectConfig& config)
-    : centroid_offset_(config.centroid_offset),
-      settled_comparison_(config, kMaxDifferences),
-      comparison_(settled_comparison_) {}
+    : settled_comparison_(config, kMaxDifferences), comparison_(settled_comparison_) {}
 
 void TrackFit::Clear() {
   sensor_measurements_.clear();
@@ -27,7 +25,7 @@ void TrackFit::Clear() {
 }
 
 void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps,
-                          double body_sigma_m) {
+                          double body_sigma_m, double facing_share) {
   const Plot& plot = seen.plot;
   SensorMeasurement& added = sensor_measurements_.emplace_back();
   added.sensor = plot.sensor;
@@ -35,7 +33,7 @@ void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_
   added.velocity_mps = velocity_mps;
   Measurement& m = added.measurement;
   m.time_ns = plot.time_ns;
-  m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset_);
+  m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, facing_share);
   m.viewpoint_m = plot.ViewpointM();
   m.support = static_cast<int>(plot.num_returns);
   m.covariance_m2 = MeasurementCovarianceM2({body_sigma_m, body_sigma_m, body_sigma_m}, plot.ray_m,

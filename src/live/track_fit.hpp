@@ -25,7 +25,9 @@ class TrackFit {
   // Sets the measurements: cleared first, then those of plots added from the newest back. The body
   // is a sphere.
   void Clear();
-  void AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps, double body_sigma_m);
+  // Its centre lies `facing_share` times its width behind the returns.
+  void AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps, double body_sigma_m,
+                  double facing_share);
 
   // Fits the trajectory, with the scales of a recent fit where they still apply. Measurements until
   // `settled_ns` are final.
@@ -60,7 +62,6 @@ class TrackFit {
   bool IsOutlier(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   bool IsNewestOutlier() const;
 
-  double centroid_offset_;
   Trajectory trajectory_;
   std::vector<SensorMeasurement> sensor_measurements_;
   std::vector<PlotRef> plot_refs_;         // (sensor_measurements_)

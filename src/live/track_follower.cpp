@@ -37,6 +37,8 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kBodyPriorReturns),
       body_sigma_m_(collect_.extent_sigma_m),
+      facing_(facing_side_.Share(body_sigma_m_, collect_.centroid_offset)),
+      uses_round_bodies_(config.Uses(Rule::kRoundBodies)),
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
       allows_agility_change_(config.Uses(Rule::kAgilityChange)) {
   std::vector<const Plot*> path;

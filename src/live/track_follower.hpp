@@ -7,12 +7,13 @@
 #include <utility>
 #include <vector>
 
-#include "collection/collect.hpp"
+#include "collection/body.hpp"
 #include "collection/frame_timing.hpp"
 #include "live/live_plot.hpp"
 #include "live/recent_frame_times.hpp"
 #include "live/track_fit.hpp"
 #include "tracking/track_model.hpp"
+#include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {
@@ -60,9 +61,10 @@ class TrackFollower {
   // Time of the returns less their stamped time, same as Target::time_bias_ns.
   TimeNs time_bias_ns() const { return time_bias_ns_; }
 
-  // Errors common to all rows, same as those of Target.
-  double time_sigma_s() const { return time_sigma_s_; }
-  double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
+  // Same as those of Target.
+  CommonErrors common_errors() const {
+    return {facing_.sigma * body_sigma_m_, elevation_sigma_m_, time_sigma_s_};
+  }
 
   // Returns where the target was at a time, or is predicted to be.
   Eigen::Vector3d PlaceAtM(double time_s) const;
@@ -146,12 +148,16 @@ class TrackFollower {
   double body_scatter_m2_;  // horizontally across the ray
   double body_count_;
   double body_sigma_m_;
+  FacingSide facing_side_;
+  FacingShare facing_;
   std::vector<SensorTiming> settled_timings_;  // (sensors) from settled plots,
   std::vector<SensorTiming> timings_;          // and from all confirmed ones
   TimeNs time_bias_ns_ = 0;
+  double elevation_sigma_m_ = 0.0;
   double time_sigma_s_ = 0.0;
   Scratch scratch_;
   std::int32_t settled_ = kNoIndex;  // the newest settled node
+  bool uses_round_bodies_;
   bool uses_frame_length_;
   bool allows_agility_change_;
   bool has_new_plots_ = true;

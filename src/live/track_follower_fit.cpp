@@ -39,17 +39,20 @@ void TrackFollower::UpdateTiming() {
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
   UpdateTiming();
   fit_.Clear();
+  double elevation_m2 = 0.0;
   const std::int32_t head = NewestConfirmed();
   const double from_s =
       settled_ == kNoIndex ? -1e300 : NodeAt(std::min(head, settled_)).h.time_s - kTrackFitS;
   for (std::int32_t k = head; k != kNoIndex; k = NodeAt(k).parent) {
     const Node& node = NodeAt(k);
     if (node.h.time_s < from_s) break;
-    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_);
+    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_, facing_.mean);
+    elevation_m2 += ElevationVarianceM2(PlotOf(node).plot.beam_step_m, body_sigma_m_);
   }
   const TimeNs settled_ns = settled_ == kNoIndex ? std::numeric_limits<TimeNs>::min() / 2
                                                  : PlotOf(NodeAt(settled_)).plot.time_ns;
   fit_.Fit(settled_ns, fitter);
+  elevation_sigma_m_ = std::sqrt(elevation_m2 / static_cast<double>(fit_.measurements().size()));
   has_new_plots_ = false;
 }
 

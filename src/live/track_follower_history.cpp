@@ -47,7 +47,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   Forget();
 }
 
-// Adds to the width of the body, as BodySpread of a recording has it: horizontally across the ray,
+// Adds to width and shape of the body, as BodySpread of a recording has them: across the ray,
 // less what the target moves meanwhile. Without point times that is known from the frame alone.
 void TrackFollower::AddToBody(const LivePlot& seen, const Eigen::Vector3d& velocity_mps) {
   if (seen.plot.num_returns < 2) return;
@@ -62,6 +62,12 @@ void TrackFollower::AddToBody(const LivePlot& seen, const Eigen::Vector3d& veloc
   body_scatter_m2_ += weight * (across.dot(seen.scatter_m2.Full() * across) - moved_m2);
   body_count_ += weight * freedom;
   body_sigma_m_ = std::sqrt(std::max(body_scatter_m2_, 0.0) / body_count_);
+  const double passed_m2 = Square(speed_mps) * static_cast<double>(seen.time_scatter_s2) / freedom;
+  if (!uses_round_bodies_ || !ShowsShape(Square(collect_.extent_sigma_m), passed_m2 + streak_m2)) {
+    return;
+  }
+  facing_side_.Add(seen.facing_sums);
+  facing_ = facing_side_.Share(body_sigma_m_, collect_.centroid_offset);
 }
 
 std::int32_t TrackFollower::LikeliestEnd() const {

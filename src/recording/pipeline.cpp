@@ -72,8 +72,7 @@ FittedTrack TrackOf(const Recording& recording, const Target& target,
   rows.trajectory = target.trajectory;
   rows.presence =
       ExistenceInterval(recording, target.measurements, config.min_missed_run_probability);
-  rows.depth_sigma_m = target.depth_sigma_m;
-  rows.time_sigma_s = target.time_sigma_s;
+  rows.common_errors = target.common_errors;
   SetViewpoints(target.measurements, &rows.viewpoints);
   rows.covariance_inflations = CovarianceInflationsOf(target.alternative_modes, rows.trajectory);
   rows.max_sigma_m = config.max_sigma_m;

@@ -206,9 +206,8 @@ class WindowSearch {
       if (!are_one) continue;
       is_joined[pair.behind] = 1;
       before.target.score += behind.target.score;
-      before.target.depth_sigma_m =
-          std::max(before.target.depth_sigma_m, behind.target.depth_sigma_m);
-      before.target.time_sigma_s = std::max(before.target.time_sigma_s, behind.target.time_sigma_s);
+      before.target.common_errors =
+          LargerErrors(before.target.common_errors, behind.target.common_errors);
       const auto append = [](const auto& from, auto* to) {
         to->insert(to->end(), from.begin(), from.end());
       };

@@ -18,6 +18,7 @@ using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::LearnedOccupancy;
+using testing::Random;
 using testing::RecordingMaker;
 using testing::SecondsSinceBegin;
 
@@ -53,12 +54,14 @@ std::vector<Plot> PathOf(const RecordingMaker& maker, std::uint32_t first, std::
 }
 
 Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
-               std::vector<char> excluded = {}, const CollectConfig& config = CollectConfig()) {
+               std::vector<char> excluded = {}, const CollectConfig& config = CollectConfig(),
+               const std::vector<Rule>& disabled_rules = {}) {
   excluded.resize(maker.labels.size(), 0);
   const LearnedOccupancy learned(maker.recording);
   const std::vector<StationModel> station_models(maker.recording.sensors.size(), learned.ModelAt());
   RobustConfig robust;
   robust.collect = config;
+  robust.disabled_rules = disabled_rules;
   return CollectTarget(maker.recording, station_models, path, excluded, robust, TrajectoryConfig());
 }
 
@@ -241,7 +244,72 @@ TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
     EXPECT_NEAR(shift_m.norm(), CollectConfig().centroid_offset * 0.1, 0.01);
     EXPECT_NEAR(shift_m.dot(mean_m.normalized()), shift_m.norm(), 1e-9);
   }
-  EXPECT_NEAR(corrected.depth_sigma_m / kFacingSideSigma, 0.1, 0.03);
+  EXPECT_NEAR(corrected.common_errors.depth_sigma_m / 0.4, 0.1, 0.03);  // many tell that it is flat
+}
+
+TEST(CollectTarget, OfABallItIsTheCentre) {
+  constexpr double kRadiusM = 0.3;
+  RecordingMaker maker(18);
+  for (int i = 0; i < kFrames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    const Eigen::Vector3d centre_m(15.0 + 0.01 * i, 2.0, 8.0);
+    for (int k = 0; k < 30; ++k) {
+      maker.Add(centre_m + maker.random.OnFacingSide(kRadiusM, centre_m.normalized()), kDrone);
+    }
+  }
+  const auto nearer_m = [&](const Target& target) {
+    double sum_m = 0.0;
+    for (const Measurement& m : target.measurements) {
+      const Eigen::Vector3d centre_m(15.0 + 0.1 * SecondsSinceBegin(m.time_ns), 2.0, 8.0);
+      sum_m += (centre_m - m.position_m).dot(centre_m.normalized());
+    }
+    return sum_m / static_cast<double>(target.measurements.size());
+  };
+  const std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
+  EXPECT_NEAR(nearer_m(Collect(maker, path)), 0.0, 0.02);
+  const Target flat = Collect(maker, path, {}, {}, {Rule::kRoundBodies});
+  EXPECT_NEAR(nearer_m(flat), (2.0 / 3.0 - 0.4 / 2.0) * kRadiusM, 0.02);
+  EXPECT_NEAR(flat.common_errors.depth_sigma_m, 0.5 * kRadiusM / 2.0, 0.01);
+}
+
+// Beams meet a body wherever it happens to be between two of them: its middle is not theirs. Where
+// now one more beam hits and now one less, it is nearer.
+TEST(ElevationVariance, IsThatOfTheMiddleAboutTheBeamsThatHit) {
+  constexpr double kWidthM = 0.4;
+  constexpr double kHeightM = kWidthM / 2.0;
+  Random random(4);
+  for (const double step_m : {0.03, 0.05, 0.1, 0.13, 0.2, 0.7}) {
+    double sum_m2 = 0.0;
+    int count = 0;
+    while (count < 4000) {
+      const double lowest_m = random.Uniform(-step_m, 0.0) - kHeightM;  // beam below the body
+      double mean_m = 0.0;
+      int hits = 0;
+      for (double beam_m = lowest_m; beam_m < kHeightM / 2.0; beam_m += step_m) {
+        if (std::abs(beam_m) > kHeightM / 2.0) continue;
+        mean_m += beam_m;
+        ++hits;
+      }
+      if (hits == 0) continue;
+      sum_m2 += std::pow(mean_m / hits, 2);
+      ++count;
+    }
+    const double sigma_m = std::sqrt(ElevationVarianceM2(step_m, kWidthM / std::sqrt(12.0)));
+    const double share = std::sqrt(sum_m2 / count) / sigma_m;
+    EXPECT_LT(share, 1.05) << step_m;
+    const double rest_m = std::abs(std::remainder(kHeightM, std::min(step_m, kHeightM)));
+    EXPECT_GT(share, rest_m < 1e-9 ? 0.95 : 0.5) << step_m;
+  }
+}
+
+TEST(CollectTarget, TheHeightAmongBeamsIsUncertainByAStepOrTheBody) {
+  const RecordingMaker maker = Flight(13, 6.0);
+  std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
+  EXPECT_EQ(Collect(maker, path).common_errors.elevation_sigma_m, 0.0);
+  for (Plot& plot : path) plot.beam_step_m = 0.1F;
+  EXPECT_NEAR(Collect(maker, path).common_errors.elevation_sigma_m, 0.1 / std::sqrt(12.0), 1e-6);
+  for (Plot& plot : path) plot.beam_step_m = 1.0F;
+  EXPECT_NEAR(Collect(maker, path).common_errors.elevation_sigma_m, 0.5 * 0.1, 0.02);
 }
 
 TEST(CollectTarget, ABodyThatIsWiderThanHighIsUncertainAcrossMoreThanUpwards) {
@@ -256,7 +324,7 @@ TEST(CollectTarget, ABodyThatIsWiderThanHighIsUncertainAcrossMoreThanUpwards) {
   }
   const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1));
   const double width_m = kWidthM / std::sqrt(12.0);
-  EXPECT_NEAR(target.depth_sigma_m / kFacingSideSigma, width_m, 0.03);
+  EXPECT_NEAR(target.common_errors.depth_sigma_m / 0.5, width_m, 0.03);
   for (const Measurement& m : target.measurements) {
     const Eigen::Vector3d across = m.position_m.cross(Eigen::Vector3d::UnitZ()).normalized();
     const double returns_m2 = across.dot(m.covariance_m2 * across) - kCentreSigmaM * kCentreSigmaM;
@@ -514,7 +582,7 @@ RecordingMaker FastFrames(bool is_instant, bool is_timed) {
 
 TEST(CollectTarget, WhetherADroneIsHitAtOneInstantOfEachFrameTellsTheErrorOfItsTimes) {
   const auto sigma_s = [](const RecordingMaker& maker) {
-    return Collect(maker, PathOf(maker, 0, 59)).time_sigma_s;
+    return Collect(maker, PathOf(maker, 0, 59)).common_errors.time_sigma_s;
   };
   EXPECT_NEAR(sigma_s(FastFrames(true, false)), 0.1 / std::sqrt(12.0), 0.001);
   EXPECT_NEAR(sigma_s(FastFrames(false, false)), 0.0, 0.001);

@@ -315,7 +315,7 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
-  source.depth_sigma_m = kDepthSigma_m;
+  source.common_errors.depth_sigma_m = kDepthSigma_m;
   const auto rows = Sampled(source, times_ns);
   ASSERT_EQ(rows.size(), 2U);
   for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -327,15 +327,34 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   // It counts against the limit.
   source.max_sigma_m = 0.15;
   EXPECT_TRUE(Sampled(source, times_ns).empty());
-  source.depth_sigma_m = 0.0;
+  source.common_errors.depth_sigma_m = 0.0;
   EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
+}
+
+TEST(SampleRows, AllRowsShareAnErrorOfElevationAcrossTheRay) {
+  const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
+  RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
+  source.viewpoints = {{0, Eigen::Vector3d(0.0, 0.0, -1000.0)}};
+  const auto plain = Sampled(source, times_ns);
+  source.common_errors.elevation_sigma_m = 0.2;
+  source.viewpoints = {};  // at the height of the flight: upwards
+  const auto level = Sampled(source, times_ns);
+  source.viewpoints = {{0, plain[0].position_m - Eigen::Vector3d(0.0, 1.0, 1.0)}};
+  const auto steep = Sampled(source, {times_ns[0]});
+  ASSERT_EQ(level.size(), 2U);
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    const Eigen::Vector3d added_m2 = level[i].sigma_m.cwiseAbs2() - plain[i].sigma_m.cwiseAbs2();
+    EXPECT_LT((added_m2 - Eigen::Vector3d(0.0, 0.0, 0.04)).norm(), 1e-3);
+  }
+  const Eigen::Vector3d added_m2 = steep[0].sigma_m.cwiseAbs2() - plain[0].sigma_m.cwiseAbs2();
+  EXPECT_LT((added_m2 - Eigen::Vector3d(0.0, 0.02, 0.02)).norm(), 1e-3);
 }
 
 TEST(SampleRows, AllRowsShareAnErrorOfTheTimesAlongTheWay) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
-  source.time_sigma_s = 0.02;
+  source.common_errors.time_sigma_s = 0.02;
   const auto rows = Sampled(source, times_ns);
   ASSERT_EQ(rows.size(), 2U);
   for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -400,7 +419,7 @@ TEST(SampleRows, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
-  source.depth_sigma_m = 0.2;
+  source.common_errors.depth_sigma_m = 0.2;
   source.viewpoints = {
       {0, {0.0, 0.0, -1000.0}}, {5 * kPeriodNs, {-1000.0, 0.0, 0.0}}, {20 * kPeriodNs, {0, 0, 0}}};
   const auto rows = Sampled(source, times_ns);

@@ -143,7 +143,7 @@ TEST(SensorBiases, AStreamKeepsTheOriginOfATrack) {
       seen.plot.frame = static_cast<std::uint32_t>(i);
       seen.plot.num_returns =
           static_cast<std::uint32_t>(m.support) * (i >= 60 && i % 2 == 1 ? 2U : 1U);
-      fit.AddEarlier(seen, kVelocityMps, 0.05);
+      fit.AddEarlier(seen, kVelocityMps, 0.05, config.centroid_offset);
     }
     fit.Fit(now_ns - NsOf(1.0), fitter);
     if (newest < 40) continue;

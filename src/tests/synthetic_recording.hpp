@@ -54,6 +54,16 @@ class Random {
     return {x, y, z};
   }
 
+  // A return of a ball that rays from afar meet evenly, relative to its centre. `ray`: unit vector.
+  Eigen::Vector3d OnFacingSide(double radius_m, const Eigen::Vector3d& ray) {
+    Eigen::Vector3d one_m;
+    do {
+      one_m = InBox(Eigen::Vector3d::Constant(-radius_m), Eigen::Vector3d::Constant(radius_m));
+      one_m -= one_m.dot(ray) * ray;
+    } while (one_m.norm() > radius_m);
+    return one_m - std::sqrt(radius_m * radius_m - one_m.squaredNorm()) * ray;
+  }
+
   std::uint32_t Index(std::size_t size) {
     return static_cast<std::uint32_t>(Uniform(0.0, static_cast<double>(size)));
   }

@@ -109,7 +109,42 @@ TEST_F(TrackFollowerTest, ItsBodyIsAsWideAsItsReturnsLieButForItsMotion) {
   TrackFollower follower(flight_, models_, config_);
   std::vector<LivePlot> settled;
   follower.Settle(30 * kPeriodNs, &settled);
-  EXPECT_NEAR(follower.depth_sigma_m() / kFacingSideSigma, kWidthM, 0.008);
+  EXPECT_NEAR(follower.common_errors().depth_sigma_m / 0.5, kWidthM, 0.008);
+}
+
+TEST_F(TrackFollowerTest, OfABallThatHoversTheCentreIsFollowed) {
+  constexpr double kRadiusM = 0.2;
+  constexpr int kReturns = 30;
+  const Eigen::Vector3d centre_m = DroneM(40);
+  const Eigen::Vector3d ray = centre_m.normalized();
+  Random random(4);
+  Flight flight;
+  for (int i = 0; i <= 30; ++i) {
+    Eigen::Matrix<double, 3, kReturns> returns_m;
+    for (int k = 0; k < kReturns; ++k) returns_m.col(k) = random.OnFacingSide(kRadiusM, ray);
+    FollowedPlot one = PlotAt(i, centre_m + returns_m.rowwise().mean());
+    returns_m.colwise() -= returns_m.rowwise().mean().eval();
+    for (int k = 0; k < kReturns; ++k)
+      one.seen.facing_sums.Add(RayAxes(ray).transpose() * returns_m.col(k));
+    one.seen.scatter_m2 = SymmetricMatrix(returns_m * returns_m.transpose());
+    one.seen.plot.num_returns = kReturns;
+    one.seen.plot.beam_step_m = 0.1F;
+    flight.plots.push_back(one.seen);
+    flight.frame_times.push_back(one.at);
+  }
+  const auto nearer_m = [&](const std::vector<Rule>& disabled_rules) {
+    config_.disabled_rules = disabled_rules;
+    TrackFollower follower(flight, models_, config_);
+    std::vector<LivePlot> settled;
+    follower.Settle(20 * kPeriodNs, &settled);
+    TrajectoryFitter fitter{TrajectoryConfig()};
+    follower.Fit(fitter);
+    EXPECT_NEAR(follower.common_errors().elevation_sigma_m, 0.1 / std::sqrt(12.0), 1e-6);
+    const Eigen::Vector3d place_m = follower.fit().trajectory().At(25 * kPeriodNs).position_m;
+    return (centre_m - place_m).dot(ray);
+  };
+  EXPECT_NEAR(nearer_m({}), 0.0, 0.02);
+  EXPECT_NEAR(nearer_m({Rule::kRoundBodies}), (2.0 / 3.0 - 0.4 / 2.0) * kRadiusM, 0.02);
 }
 
 TEST_F(TrackFollowerTest, AStrayThatBridgedTheGapIsLeftOut) {

@@ -67,6 +67,17 @@ double MixtureSigma(double probability, double sigma_m, double offset_m, double 
   return high_m / kSigmas;
 }
 
+// Variances per axis.
+Eigen::Vector3d CommonVarianceM2(const CommonErrors& errors, const Eigen::Vector3d& ray_m,
+                                 const Eigen::Vector3d& velocity_mps) {
+  const Eigen::Vector3d ray = ray_m.stableNormalized();
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d across = (up - up.dot(ray) * ray).stableNormalized();
+  return (errors.depth_sigma_m * ray).cwiseAbs2() +
+         (errors.elevation_sigma_m * across).cwiseAbs2() +
+         (errors.time_sigma_s * velocity_mps).cwiseAbs2();
+}
+
 }  // namespace
 
 TimeInterval WithUndetected(const TimeInterval& seen, const std::vector<Measurement>& measurements,
@@ -182,9 +193,8 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     TrajectoryRow row = source_.trajectory.At(time_ns);
     row.track_id = source_.track_id;
     const Eigen::Vector3d ray_m = row.position_m - NearestViewpointM(source_.viewpoints, time_ns);
-    const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
-    const Eigen::Vector3d late_m = source_.time_sigma_s * row.velocity_mps;
-    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + late_m.cwiseAbs2() +
+    row.sigma_m = (row.sigma_m.cwiseAbs2() +
+                   CommonVarianceM2(source_.common_errors, ray_m, row.velocity_mps) +
                    VarianceInflationAt(time_ns))
                       .cwiseSqrt();
     if (row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite() &&

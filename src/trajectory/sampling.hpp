@@ -70,8 +70,7 @@ struct RowSource {
   int track_id = 0;
   Trajectory trajectory;
   TimeInterval presence;
-  double depth_sigma_m = 0.0;              // error common to all rows, along the ray
-  double time_sigma_s = 0.0;               // and of their times
+  CommonErrors common_errors;
   std::vector<TimedViewpoint> viewpoints;  // ascending; that nearest in time defines the ray
   std::vector<CovarianceInflation> covariance_inflations;  // ascending; interpolated linearly
   double max_sigma_m = 0.0;

@@ -12,6 +12,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -66,12 +67,25 @@ struct Trajectory {
 Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
                                 const TrajectoryConfig& config);
 
+// Errors that all measurements of a target have in common: no mean is free of them.
+struct CommonErrors {
+  double depth_sigma_m = 0.0;      // along their rays
+  double elevation_sigma_m = 0.0;  // across them, upwards
+  double time_sigma_s = 0.0;       // of their times, see FrameTiming
+};
+
+// Returns the errors of a target of two parts.
+inline CommonErrors LargerErrors(const CommonErrors& a, const CommonErrors& b) {
+  return {std::max(a.depth_sigma_m, b.depth_sigma_m),
+          std::max(a.elevation_sigma_m, b.elevation_sigma_m),
+          std::max(a.time_sigma_s, b.time_sigma_s)};
+}
+
 // Target found by either method, with the trajectory that is written of it.
 struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double depth_sigma_m = 0.0;             // common error of all measurements, along their rays
-  double time_sigma_s = 0.0;              // and of their times, see FrameTiming
+  CommonErrors common_errors;
   std::vector<AlternativeMode> alternative_modes;  // in time order
   TimeNs time_bias_ns = 0;  // true minus recorded time of its returns, on average
   double score = 0.0;       // track score (robust) or psi (paper)

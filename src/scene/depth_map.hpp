@@ -20,6 +20,9 @@ class DepthMap {
   // Replaces the contents, reusing memory.
   void Fill(const PointsView& points_m);
 
+  // Median range in the direction of a place, as seen from the sensor; infinity without returns.
+  float MedianM(const Eigen::Vector3f& place_m) const { return medians_m_[cells_.CellOf(place_m)]; }
+
   // Returns the share of the directions within `radius_m` of a place, as seen from the sensor, that
   // are out of view or in which something is nearer than the place by `margin_m`.
   double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,

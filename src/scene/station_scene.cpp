@@ -149,7 +149,9 @@ void StationScene::SetAboveStructure(const Eigen::Vector3f& shift_m, Plot* plot)
   if (!config_->Uses(Rule::kOnStructure) || plot->lowest_m <= most_m) return;
   const Eigen::Vector3f place_m = plot->position_m.cast<float>() + shift_m;
   const double radius_m = kColumnRadius.At(plot->ray_m.norm());
-  const double height_m = support_.HeightAboveStructureM(place_m, radius_m, kBelowPlotM, most_m);
+  const double height_m =
+      std::min(support_.HeightAboveStructureM(place_m, radius_m, kBelowPlotM, most_m),
+               support_.HeightAboveEdgeM(place_m, kBelowPlotM, kEdgeClearM));
   plot->is_above_structure = plot->lowest_m - height_m > most_m;
 }
 

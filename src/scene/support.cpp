@@ -23,7 +23,10 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 }  // namespace
 
 Support::Support(Ground ground, const SupportConfig& config)
-    : ground_(std::move(ground)), config_(config), depth_(kHidingCellDeg) {}
+    : ground_(std::move(ground)),
+      config_(config),
+      depth_(kHidingCellDeg),
+      lasting_depth_(kHidingCellDeg) {}
 
 void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_lasting,
                    const ElevationRange& view) {
@@ -52,6 +55,11 @@ void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_la
     points_m_[at] = thinned_m_[i];
     are_lasting_[at] = lasts_[i];
   });
+  lasting_m_.clear();
+  for (std::size_t i = 0; i < points_m_.size(); ++i) {
+    if (are_lasting_[i] != 0) lasting_m_.push_back(points_m_[i]);
+  }
+  lasting_depth_.Fill(lasting_m_);
 }
 
 // A transient object high above a known ground did not arrive on the ground, so that no hidden or
@@ -91,6 +99,21 @@ double Support::HeightAboveStructureM(const Eigen::Vector3f& place_m, double rad
     }
   }
   return static_cast<double>(height);
+}
+
+double Support::HeightAboveEdgeM(const Eigen::Vector3f& place_m, double least_m,
+                                 double most_m) const {
+  constexpr double kStepM = 0.2;
+  for (double height_m = least_m; height_m <= most_m; height_m += kStepM) {
+    const Eigen::Vector3f low_m = place_m - static_cast<float>(height_m) * Eigen::Vector3f::UnitZ();
+    const float edge_range_m = lasting_depth_.MedianM(low_m);
+    const float low_range_m = low_m.norm();
+    const auto nearer_m = static_cast<double>(low_range_m - edge_range_m);
+    if (nearer_m < kObjectRadiusM || nearer_m > kEdgeReachM) continue;
+    const float edge_z_m = low_m.z() * edge_range_m / low_range_m;
+    if (static_cast<double>(place_m.z() - edge_z_m) <= most_m) return height_m;
+  }
+  return std::numeric_limits<double>::infinity();
 }
 
 bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {

@@ -22,6 +22,11 @@ constexpr double kSupportFarM = 50.0;
 constexpr RangeRadius kSupportFarReach{1.5, 0.3};
 // Structure is thinned to one point per voxel, finer than any reach.
 constexpr double kSupportVoxelM = 0.25;
+// A deck or a roof reaches so far behind the edge that hides it from below. What stands there is
+// seen from the line of sight past the edge on: as directions are told apart, within kEdgeClearM of
+// it.
+constexpr double kEdgeReachM = 6.0;
+constexpr double kEdgeClearM = 0.8;
 // If more than this share of the directions around an object is hidden, its support may be, too.
 constexpr double kMaxHiddenShare = 0.2;
 
@@ -53,6 +58,11 @@ class Support {
   double HeightAboveStructureM(const Eigen::Vector3f& place_m, double radius_m, double least_m,
                                double most_m) const;
 
+  // Returns the same over what lasting structure hides that is up to kEdgeReachM nearer and at most
+  // `most_m` lower: over the line of sight past its edge. A parapet hides the deck that carries
+  // what is seen above it.
+  double HeightAboveEdgeM(const Eigen::Vector3f& place_m, double least_m, double most_m) const;
+
   // Returns the largest distance in m from an object to a possible support.
   double ReachM(const Eigen::Vector3f& place_m, bool is_transient) const;
 
@@ -63,6 +73,7 @@ class Support {
   ElevationRange view_;
   SupportConfig config_;
   DepthMap depth_;                         // of structure
+  DepthMap lasting_depth_;                 // of what lasts of it
   VoxelNumbers cells_;                     // voxels of structure
   std::vector<std::uint32_t> first_;       // (cells + 1) first point of each cell, then the end
   std::vector<Eigen::Vector3f> points_m_;  // by cell
@@ -71,7 +82,8 @@ class Support {
   VoxelNumbers seen_;
   std::vector<Eigen::Vector3f> thinned_m_;  // structure, one point per voxel
   std::vector<std::uint32_t> cell_of_;      // of each of these
-  std::vector<char> lasts_;                 // whether a lasting one is in its voxel
+  std::vector<Eigen::Vector3f> lasting_m_;
+  std::vector<char> lasts_;  // whether a lasting one is in its voxel
 };
 
 }  // namespace unlidar

@@ -86,11 +86,13 @@ void WatchedElevations::FindBeams() {
     }
     begin = end + 1;
   }
-  float last = 0.0F;
   const auto first_known =
       std::find_if(beam_steps_.begin(), beam_steps_.end(), [](float step) { return step >= 0.0F; });
-  if (first_known != beam_steps_.end()) last = *first_known;
-  for (float& step : beam_steps_) last = step = step < 0.0F ? last : step;
+  float known = first_known == beam_steps_.end() ? 0.0F : *first_known;
+  for (float& step : beam_steps_) {
+    if (step < 0.0F) step = known;
+    known = step;
+  }
 }
 
 double WatchedElevations::Share(const Eigen::Vector3d& from_m, const Eigen::Vector3d& to_m) const {

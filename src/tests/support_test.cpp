@@ -106,6 +106,37 @@ TEST(Support, HeightAboveStructureIsThatOfBruteForce) {
   EXPECT_LT(num_found, 1700);
 }
 
+// A wall 20 m away hides what is behind it, up to the line of sight over its top.
+TEST(Support, WhatIsSeenOverAnEdgeMayStandOnWhatItHides) {
+  constexpr double kLeastM = 0.4;
+  constexpr double kMostM = 1.2;
+  constexpr double kWallM = 20.0;
+  constexpr double kTopM = 2.0;
+  constexpr double kCellM = 1.0;  // that directions are told apart by there
+  std::vector<Eigen::Vector3f> wall_m;
+  for (double x = -10.0; x < 10.0; x += 0.3) {
+    for (double z = 0.0; z <= kTopM; z += 0.3) {
+      wall_m.push_back(Eigen::Vector3d(x, kWallM, z).cast<float>());
+    }
+  }
+  const auto height_m = [&](bool is_lasting, double x, double y, double above_m) {
+    Support support{Ground(), SupportConfig()};
+    support.Fill(wall_m, std::vector<char>(wall_m.size(), is_lasting ? 1 : 0), {});
+    const Eigen::Vector3d place_m(x, y, kTopM * y / kWallM + above_m);
+    return support.HeightAboveEdgeM(place_m.cast<float>(), kLeastM, kMostM);
+  };
+  for (const double x : {-5.0, 0.0, 3.0}) {
+    for (const double y : {22.5, 24.0, 25.0}) {
+      EXPECT_NEAR(height_m(true, x, y, 0.5), 0.5, kCellM) << x << " " << y;
+      EXPECT_EQ(height_m(true, x, y, kMostM + kCellM), HUGE_VAL) << x << " " << y;
+      EXPECT_EQ(height_m(false, x, y, 0.5), HUGE_VAL) << x << " " << y;
+    }
+    EXPECT_EQ(height_m(true, x, kWallM + kEdgeReachM + 2.0, 0.5), HUGE_VAL) << x;
+    EXPECT_EQ(height_m(true, x, kWallM - 2.0, 0.5), HUGE_VAL) << x;
+  }
+  EXPECT_EQ(height_m(true, 15.0, 24.0, 0.5), HUGE_VAL);
+}
+
 // Of the structure in a voxel one point is kept, the same one in any order.
 TEST(Support, DoesNotDependOnTheOrderOfTheStructure) {
   Random random(7);

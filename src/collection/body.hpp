@@ -42,8 +42,8 @@ Eigen::Matrix3d MeasurementCovarianceM2(const BodySigmas& body, const Eigen::Vec
                                         const Eigen::Matrix3d& streak_m2, double num_returns);
 
 // Variance of the height of the centre about the beams that hit it, which are `beam_step_m` apart
-// and the same in all frames: it lies anywhere between two of them, or anywhere within the body
-// where that is lower. Multicopters are half as high as wide.
+// and the same in all frames: they meet the body anywhere within a step, or within its height where
+// that is less. Multicopters are half as high as wide.
 double ElevationVarianceM2(double beam_step_m, double body_sigma_m);
 
 // Covariance of the streak: motion of the target during a frame without point times; zero with

@@ -12,9 +12,8 @@ constexpr double kBallShare = 4.0 / 3.0;
 // Flat bodies have shares of 0.2 to 0.4, the drone of seq0001 has 0.55, balls whose edges yield no
 // returns have 1.7: whatever the returns tell is no better known than that.
 constexpr double kShareSigma = 0.4;
-// Which of them a target is nobody told. With this probability of a ball the share is uncertain by
-// 0.5 beforehand: the root mean square about 0.4 of two flat bodies, the drone of seq0001 and a
-// ball.
+// Before its returns tell, a target is a ball with this probability, and its share is uncertain by
+// 0.5: the root mean square about 0.4 of two flat bodies, the drone of seq0001 and a ball.
 constexpr double kBallPrior = 0.1;
 
 // How fast the returns recede, over that of a ball.

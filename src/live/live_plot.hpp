@@ -31,9 +31,9 @@ struct LivePlot {
   // Sums over its returns: of the squares of their offsets from their mean, of the products of
   // these and the offsets of their times, and of the squares of the latter.
   SymmetricMatrix scatter_m2;
-  FacingSums facing_sums;
   Eigen::Vector3f time_covariance_ms = Eigen::Vector3f::Zero();
   float time_scatter_s2 = 0.0F;
+  FacingSums facing_sums;
 };
 
 // Plots of the last frames, in order of time.

@@ -22,9 +22,8 @@ constexpr double kSupportFarM = 50.0;
 constexpr RangeRadius kSupportFarReach{1.5, 0.3};
 // Structure is thinned to one point per voxel, finer than any reach.
 constexpr double kSupportVoxelM = 0.25;
-// A deck or a roof reaches so far behind the edge that hides it from below. What stands there is
-// seen from the line of sight past the edge on: as directions are told apart, within kEdgeClearM of
-// it.
+// A deck or a roof reaches this far behind the edge that hides it from below. Objects on it come
+// into view at the line of sight past the edge, which the depth map resolves to kEdgeClearM.
 constexpr double kEdgeReachM = 6.0;
 constexpr double kEdgeClearM = 0.8;
 // If more than this share of the directions around an object is hidden, its support may be, too.

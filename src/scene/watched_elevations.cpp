@@ -12,12 +12,12 @@ constexpr std::ptrdiff_t kBandsBeside = 20;
 constexpr double kMinShareOfMean = 0.05;
 constexpr double kLeastRangeM = 1e-6;  // what is nearer has no direction
 constexpr std::uint32_t kMaxReturns = 1U << 30U;
-// Beams are not farther apart: 4.5 degrees at the horizon. Bands that are watched side by side in a
-// wider strip are no beam.
+// No two neighbouring beams are farther apart, which is 4.5 degrees at the horizon, and a wider
+// strip of watched bands is no beam.
 constexpr std::ptrdiff_t kMaxStep = 45;
 constexpr std::ptrdiff_t kMaxBeam = 4;
 
-// Place of a ray among so many bands.
+// Returns the place of a ray among the bands, counted from the nadir.
 double BandOf(const Eigen::Vector3d& ray_m, std::size_t num_bands) {
   const double range_m = std::max(ray_m.norm(), kLeastRangeM);
   return (1.0 + ray_m.z() / range_m) / 2.0 * static_cast<double>(num_bands);

@@ -11,7 +11,7 @@
 namespace unlidar {
 
 // A spinning sensor looks along the cones of its beams and never between them, any sensor never
-// beyond the edges of its field of view. What is not seen there may be there all the same.
+// beyond the edges of its field of view. A thing that is not seen there may be there all the same.
 class WatchedElevations {
  public:
   WatchedElevations();

@@ -272,8 +272,8 @@ TEST(CollectTarget, OfABallItIsTheCentre) {
   EXPECT_NEAR(flat.common_errors.depth_sigma_m, 0.5 * kRadiusM / 2.0, 0.01);
 }
 
-// Beams meet a body wherever it happens to be between two of them: its middle is not theirs. Where
-// now one more beam hits and now one less, it is nearer.
+// Beams meet a body wherever it happens to be between two of them: its middle is not theirs. If the
+// number of beams that hit varies, it is nearer.
 TEST(ElevationVariance, IsThatOfTheMiddleAboutTheBeamsThatHit) {
   constexpr double kWidthM = 0.4;
   constexpr double kHeightM = kWidthM / 2.0;

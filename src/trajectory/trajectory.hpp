@@ -74,7 +74,7 @@ struct CommonErrors {
   double time_sigma_s = 0.0;       // of their times, see FrameTiming
 };
 
-// Returns the errors of a target of two parts.
+// Returns the errors of a target that consists of two parts.
 inline CommonErrors LargerErrors(const CommonErrors& a, const CommonErrors& b) {
   return {std::max(a.depth_sigma_m, b.depth_sigma_m),
           std::max(a.elevation_sigma_m, b.elevation_sigma_m),

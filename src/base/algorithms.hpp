@@ -21,6 +21,15 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
   values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
 }
 
+// Returns the values with these numbers.
+template <class T>
+std::vector<T> ValuesAt(const std::vector<std::uint32_t>& numbers, const std::vector<T>& values) {
+  std::vector<T> chosen;
+  chosen.reserve(numbers.size());
+  for (const std::uint32_t i : numbers) chosen.push_back(values[i]);
+  return chosen;
+}
+
 // Returns the values in ascending order, without duplicates.
 template <class T>
 std::vector<T> SortedUnique(std::vector<T> values) {

@@ -4,25 +4,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/ray_axes.hpp"
+
 namespace unlidar {
 namespace {
 
 constexpr double kHeightOfWidth = 0.5;
 
 }  // namespace
-
-Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m) {
-  const Eigen::Vector3d across = Eigen::Vector3d::UnitZ().cross(ray_m).stableNormalized();
-  return across.squaredNorm() < 0.5 ? Eigen::Vector3d(Eigen::Vector3d::UnitX()) : across;
-}
-
-Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
-  Eigen::Matrix3d axes;
-  axes.col(0) = ray_m.stableNormalized();
-  axes.col(1) = AcrossRay(axes.col(0));
-  axes.col(2) = axes.col(0).cross(axes.col(1));
-  return axes;
-}
 
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m) {
   const Eigen::Matrix3d axes = RayAxes(ray_m);

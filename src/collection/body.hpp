@@ -18,12 +18,6 @@ struct BodySigmas {
   double height_m = 0.0;
 };
 
-// Unit vector across a ray, horizontal; any such one for a vertical ray.
-Eigen::Vector3d AcrossRay(const Eigen::Vector3d& ray_m);
-
-// Axes of a ray, in columns: along it, across it horizontally, and across both, upwards.
-Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m);
-
 // Covariance in world axes (z up) for a ray from the sensor.
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m);
 

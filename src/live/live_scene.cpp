@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "collection/body.hpp"
+#include "base/ray_axes.hpp"
 
 namespace unlidar {
 namespace {

@@ -10,6 +10,7 @@
 #include "live/live_scene.hpp"
 #include "live/recent_frame_times.hpp"
 #include "tracking/path_exchange.hpp"
+#include "tracking/path_gates.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
@@ -121,9 +122,7 @@ class LiveSearch {
   void SetPath(const std::vector<std::uint32_t>& members);  // sets path_plots_
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
   std::vector<std::uint32_t> LeftAtPauses() const;
-  std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& numbers) const;
-  Rejection FlightRejectionOf(const std::vector<std::uint32_t>& numbers) const;
-  bool IsNoDrone(const std::vector<std::uint32_t>& numbers) const;
+  PathGates Gates() const;  // of path_plots_
   Rejection JudgeFlight(const std::vector<std::uint32_t>& numbers);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);

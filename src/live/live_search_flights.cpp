@@ -142,33 +142,15 @@ std::vector<std::uint32_t> LiveSearch::LeftAtPauses() const {
   if (!config_.robust.Uses(Rule::kPause)) return path.plots;
   const auto other_side_of = [&](const auto& before, const auto& after) {
     const TimeNs pause_ns = path_plots_[after.front()].time_ns - path_plots_[before.back()].time_ns;
-    return pause_ns >= kLongPauseNs || IsNoDrone(before) ? OtherSide::kBefore : OtherSide::kNone;
+    const bool is_other = pause_ns >= kLongPauseNs || Gates().IsNoDrone(before);
+    return is_other ? OtherSide::kBefore : OtherSide::kNone;
   };
   CutAtPauses(Scorer(TimeOutOfView::kLogUniform), other_side_of, &path);
   return path.plots;
 }
 
-std::vector<Plot> LiveSearch::PlotsOf(const std::vector<std::uint32_t>& numbers) const {
-  std::vector<Plot> plots;
-  plots.reserve(numbers.size());
-  for (const std::uint32_t i : numbers) plots.push_back(path_plots_[i]);
-  return plots;
-}
-
-// Returns the rule that refuses these of path_plots_ as a flight.
-Rejection LiveSearch::FlightRejectionOf(const std::vector<std::uint32_t>& numbers) const {
-  const auto reaches_threshold = [&](std::vector<std::uint32_t> some) {
-    for (std::uint32_t& i : some) i = numbers[i];
-    return Scorer(TimeOutOfView::kNone).WithScore(std::move(some)).score >= score_threshold_;
-  };
-  return FlightRejection(recent_, PlotsOf(numbers), recent_bodies_, reaches_threshold,
-                         config_.robust);
-}
-
-// True if these of path_plots_ are a path by themselves, but no drone.
-bool LiveSearch::IsNoDrone(const std::vector<std::uint32_t>& numbers) const {
-  return TellsNoDrone(FlightRejectionOf(numbers)) &&
-         Scorer(TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
+PathGates LiveSearch::Gates() const {
+  return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_, config_.robust};
 }
 
 // The flight of these recent plots.
@@ -203,9 +185,9 @@ Rejection LiveSearch::Judge(const Path& path) {
 
 // Judges and sets the flight of these of path_plots_, which are flight_members_.
 Rejection LiveSearch::JudgeFlight(const std::vector<std::uint32_t>& numbers) {
-  const Rejection rejection = FlightRejectionOf(numbers);
+  const Rejection rejection = Gates().RejectionOf(numbers);
   if (rejection != Rejection::kNone) return rejection;
-  flight_plots_ = PlotsOf(numbers);
+  flight_plots_ = ValuesAt(numbers, path_plots_);
   flight_ = FlightOf(flight_members_);
   if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
     return Rejection::kStationary;

@@ -13,18 +13,11 @@
 #include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
+#include "tracking/path_gates.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
 namespace {
-
-std::vector<Plot> PlotsOf(const std::vector<std::uint32_t>& members,
-                          const std::vector<Plot>& plots) {
-  std::vector<Plot> chosen;
-  chosen.reserve(members.size());
-  for (const std::uint32_t i : members) chosen.push_back(plots[i]);
-  return chosen;
-}
 
 // Collects the targets of paths, one after the other: a return belongs to at most one target.
 class TargetCollector {
@@ -80,7 +73,7 @@ class TargetCollector {
  private:
   // Returns the plots of a path without excluded returns.
   std::vector<Plot> FreePlotsOf(const Path& path) const {
-    std::vector<Plot> members = PlotsOf(path.plots, plots_);
+    std::vector<Plot> members = ValuesAt(path.plots, plots_);
     EraseIf(&members, [&](const Plot& plot) { return HasAnyOf(plot, excluded_); });
     return members;
   }
@@ -139,7 +132,7 @@ class TargetCollector {
       const bool is_within = begin_ns <= time_ns && time_ns <= end_ns;
       if (!is_within && !HasAnyOf(plots_[plot], excluded_)) beyond.plots.push_back(plot);
     }
-    if (!HasMinFrames(PlotsOf(beyond.plots, plots_), config_.min_plots)) return;
+    if (!HasMinFrames(ValuesAt(beyond.plots, plots_), config_.min_plots)) return;
     Path& path = paths_[path_of_[owner]];
     const Path before = path;
     path.score += other.score * static_cast<double>(beyond.plots.size()) /
@@ -169,6 +162,142 @@ class TargetCollector {
   std::vector<std::size_t> path_of_;  // (targets)
 };
 
+// Searches the paths of a recording, and judges them.
+class PathSearch {
+ public:
+  PathSearch(const Recording& recording, const RobustConfig& config)
+      : recording_(recording),
+        config_(config),
+        found_(recording, Stations(recording.sensors), config),
+        plots_(found_.plots()),
+        scan_schedule_(ScanScheduleOf(recording)),
+        station_models_(found_.StationModels()),
+        score_threshold_(
+            ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots_.size(), 1)),
+                           config.false_alarms_per_recording, config.tracker)) {}
+
+  // The plots of targets are no clutter, which makes a second round more sensitive; it suffices to
+  // know them roughly. Static unsupported plots are none from the start.
+  void Run() {
+    assigned_.resize(plots_.size());
+    std::transform(plots_.begin(), plots_.end(), assigned_.begin(), [](const Plot& plot) {
+      return static_cast<char>(plot.is_floating && plot.has_structure);
+    });
+    const auto search = [&] {
+      return DecideOn(FindPaths(plots_, scan_schedule_, config_.tracker));
+    };
+    found_.EstimateClutter(assigned_);
+    const bool has_second_round = config_.Uses(Rule::kSecondRound);
+    const bool is_second_round =
+        has_second_round && DecideOn(FindPathsRoughly(plots_, scan_schedule_, config_.tracker));
+    if (is_second_round) found_.EstimateClutter(assigned_);
+    if (search() && has_second_round && !is_second_round) {
+      found_.EstimateClutter(assigned_);
+      search();
+    }
+  }
+
+  // Collects the targets of the paths that no rule has refused; sets the verdicts of the others.
+  std::vector<Target> Collect(const TrajectoryConfig& trajectory_config) {
+    TargetCollector collector(recording_, found_, station_models_, scan_schedule_, config_,
+                              trajectory_config, &paths_);
+    for (std::size_t k = 0; k < paths_.size(); ++k) {
+      PathVerdict& verdict = verdicts_[k];
+      if (verdict.rejection == Rejection::kNone) verdict.rejection = collector.Add(k);
+    }
+    return collector.Finish(&verdicts_);
+  }
+
+  RobustCounts Counts() const {
+    const std::vector<char>& are_bodies = found_.are_bodies();
+    return {found_.num_unexplained(),
+            static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
+            plots_.size(),
+            paths_.size(),
+            score_threshold_,
+            config_.false_alarms_per_recording};
+  }
+
+  SearchTrace Trace() const {
+    return {plots_, found_.are_bodies(), paths_, verdicts_, score_threshold_};
+  }
+
+ private:
+  // Takes and judges these paths. Returns true if any is a target, whose plots are then assigned.
+  bool DecideOn(std::vector<Path> paths) {
+    paths_ = std::move(paths);
+    Judge();
+    bool has_target = false;
+    for (std::size_t k = 0; k < paths_.size(); ++k) {
+      if (verdicts_[k].rejection != Rejection::kNone) continue;
+      for (const std::uint32_t i : paths_[k].plots) assigned_[i] = 1;
+      has_target = true;
+    }
+    return has_target;
+  }
+
+  // Sets the verdicts on the paths, and cuts off from them what is no drone.
+  void Judge() {
+    verdicts_.clear();
+    std::vector<char> are_free(plots_.size(), 1);
+    const std::vector<double> log_births = LogBirths(plots_, scan_schedule_, config_.tracker);
+    const PathGates gates(PathScorer(plots_, log_births, scan_schedule_, config_.tracker),
+                          score_threshold_, recording_, found_.bodies(), config_);
+    const PathScorer joins(plots_, log_births, scan_schedule_, config_.tracker,
+                           TimeOutOfView::kLogUniform);
+    for (Path& path : paths_) {
+      PathVerdict& verdict = verdicts_.emplace_back();
+      verdict.rejection = RejectionOf(gates, path);
+      if (verdict.rejection != Rejection::kNone) continue;
+      if (config_.Uses(Rule::kPause) && CutAtPauses(joins, OtherSideBy(gates), &path)) {
+        path = joins.WithScore(path.plots);
+        verdict.rejection = RejectionOf(gates, path);
+        if (verdict.rejection != Rejection::kNone) continue;
+      }
+      if (config_.Uses(Rule::kCrowded)) {
+        verdict.crowding_penalty =
+            CrowdingPenalty(path.plots, plots_, are_free,
+                            [this](const Plot& plot) { return NumFramesAbout(plot); });
+      }
+      if (path.score - verdict.crowding_penalty < score_threshold_) {
+        verdict.rejection = Rejection::kCrowded;
+        continue;
+      }
+      for (const std::uint32_t i : path.plots) are_free[i] = 0;
+    }
+  }
+
+  Rejection RejectionOf(const PathGates& gates, const Path& path) const {
+    return path.score < score_threshold_ ? Rejection::kBelowThreshold
+                                         : gates.RejectionOf(path.plots);
+  }
+
+  static OtherSideOfPause OtherSideBy(const PathGates& gates) {
+    return [&gates](const auto& before, const auto& after) {
+      const bool begins_without = gates.IsNoDrone(before);
+      if (begins_without == gates.IsNoDrone(after)) return OtherSide::kNone;
+      return begins_without ? OtherSide::kBefore : OtherSide::kAfter;
+    };
+  }
+
+  std::uint32_t NumFramesAbout(const Plot& plot) const {
+    const TimeBins& bins = *station_models_[plot.sensor].bins;
+    return bins.NumFrames(plot.sensor,
+                          bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
+  }
+
+  const Recording& recording_;
+  const RobustConfig& config_;
+  MultiStationPlots found_;
+  const std::vector<Plot>& plots_;
+  ScanSchedule scan_schedule_;
+  std::vector<StationModel> station_models_;
+  double score_threshold_;
+  std::vector<char> assigned_;  // (plots)
+  std::vector<Path> paths_;
+  std::vector<PathVerdict> verdicts_;  // (paths)
+};
+
 }  // namespace
 
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
@@ -178,112 +307,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     if (trace) trace(recording, {{}, {}, {}, {}, 0.0});
     return result;
   }
-  MultiStationPlots multi_station_plots(recording, Stations(recording.sensors), config);
-  const std::vector<Plot>& plots = multi_station_plots.plots();
-  const double threshold =
-      ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots.size(), 1)),
-                     config.false_alarms_per_recording, config.tracker);
-  const ScanSchedule scan_schedule = ScanScheduleOf(recording);
-  const std::vector<StationModel> station_models = multi_station_plots.StationModels();
-  const auto num_frames_about = [&](const Plot& plot) {
-    const TimeBins& bins = *station_models[plot.sensor].bins;
-    return bins.NumFrames(plot.sensor,
-                          bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
-  };
-  // Judges the paths, and cuts off from them what is no drone.
-  const auto verdicts_of = [&](std::vector<Path>* paths) {
-    std::vector<PathVerdict> verdicts;
-    std::vector<char> are_free(plots.size(), 1);
-    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config.tracker);
-    const PathScorer scorer(plots, log_births, scan_schedule, config.tracker);
-    const PathScorer joins(plots, log_births, scan_schedule, config.tracker,
-                           TimeOutOfView::kLogUniform);
-    const auto rejection_of = [&](const std::vector<std::uint32_t>& members) {
-      const auto reaches_threshold = [&](std::vector<std::uint32_t> numbers) {
-        for (std::uint32_t& i : numbers) i = members[i];
-        return scorer.WithScore(std::move(numbers)).score >= threshold;
-      };
-      return FlightRejection(recording, PlotsOf(members, plots), multi_station_plots.bodies(),
-                             reaches_threshold, config);
-    };
-    const auto is_no_drone = [&](const std::vector<std::uint32_t>& members) {
-      return TellsNoDrone(rejection_of(members)) && scorer.WithScore(members).score >= threshold;
-    };
-    const auto other_side_of = [&](const auto& before, const auto& after) {
-      const bool begins_without = is_no_drone(before);
-      if (begins_without == is_no_drone(after)) return OtherSide::kNone;
-      return begins_without ? OtherSide::kBefore : OtherSide::kAfter;
-    };
-    for (Path& path : *paths) {
-      PathVerdict& verdict = verdicts.emplace_back();
-      if (path.score < threshold) {
-        verdict.rejection = Rejection::kBelowThreshold;
-        continue;
-      }
-      verdict.rejection = rejection_of(path.plots);
-      if (verdict.rejection != Rejection::kNone) continue;
-      if (config.Uses(Rule::kPause) && CutAtPauses(joins, other_side_of, &path)) {
-        path = joins.WithScore(path.plots);
-        verdict.rejection =
-            path.score < threshold ? Rejection::kBelowThreshold : rejection_of(path.plots);
-        if (verdict.rejection != Rejection::kNone) continue;
-      }
-      if (config.Uses(Rule::kCrowded)) {
-        verdict.crowding_penalty = CrowdingPenalty(path.plots, plots, are_free, num_frames_about);
-      }
-      if (path.score - verdict.crowding_penalty < threshold) {
-        verdict.rejection = Rejection::kCrowded;
-        continue;
-      }
-      for (const std::uint32_t i : path.plots) are_free[i] = 0;
-    }
-    return verdicts;
-  };
-
-  // The plots of targets are no clutter, which makes a second round more sensitive; it suffices to
-  // know them roughly. Static unsupported plots are none from the start.
-  std::vector<char> assigned(plots.size());
-  std::transform(plots.begin(), plots.end(), assigned.begin(), [](const Plot& plot) {
-    return static_cast<char>(plot.is_floating && plot.has_structure);
-  });
-  std::vector<Path> paths;
-  std::vector<PathVerdict> verdicts;  // (paths)
-  // Returns true if any path is a target, whose plots are then assigned.
-  const auto decide_on = [&](std::vector<Path> found) {
-    paths = std::move(found);
-    verdicts = verdicts_of(&paths);
-    bool has_target = false;
-    for (std::size_t k = 0; k < paths.size(); ++k) {
-      if (verdicts[k].rejection != Rejection::kNone) continue;
-      for (const std::uint32_t i : paths[k].plots) assigned[i] = 1;
-      has_target = true;
-    }
-    return has_target;
-  };
-  const auto search = [&] { return decide_on(FindPaths(plots, scan_schedule, config.tracker)); };
-  multi_station_plots.EstimateClutter(assigned);
-  const bool has_second_round = config.Uses(Rule::kSecondRound);
-  const bool is_second_round =
-      has_second_round && decide_on(FindPathsRoughly(plots, scan_schedule, config.tracker));
-  if (is_second_round) multi_station_plots.EstimateClutter(assigned);
-  if (search() && has_second_round && !is_second_round) {
-    multi_station_plots.EstimateClutter(assigned);
-    search();
-  }
-  const std::vector<char>& are_bodies = multi_station_plots.are_bodies();
-  result.counts = {multi_station_plots.num_unexplained(),
-                   static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
-                   plots.size(),
-                   paths.size(),
-                   threshold,
-                   config.false_alarms_per_recording};
-  TargetCollector collector(recording, multi_station_plots, station_models, scan_schedule, config,
-                            trajectory_config, &paths);
-  for (std::size_t k = 0; k < paths.size(); ++k) {
-    if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);
-  }
-  result.targets = collector.Finish(&verdicts);
-  if (trace) trace(recording, {plots, are_bodies, paths, verdicts, threshold});
+  PathSearch search(recording, config);
+  search.Run();
+  result.counts = search.Counts();
+  result.targets = search.Collect(trajectory_config);
+  if (trace) trace(recording, search.Trace());
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.time_bias_ns;
     for (AlternativeMode& mode : target.alternative_modes) mode.time_ns += target.time_bias_ns;

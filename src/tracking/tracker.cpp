@@ -170,8 +170,7 @@ class PathFinder {
     const std::vector<char> all(plots.size(), 1);
     TrackSearches searches = SearchScans(ScansOf(plots, log_births, scan_schedule), log_births, all,
                                          0.0, config_.sigma_a_mps2, scan_schedule, config_);
-    std::vector<std::uint32_t> members;
-    for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
+    std::vector<std::uint32_t> members = ValuesAt(BestOf(&searches).plots, indices);
     std::reverse(members.begin(), members.end());
     return scorer.WithScore(std::move(members));
   }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/maths.hpp"
+#include "base/ray_axes.hpp"
 
 namespace unlidar {
 namespace {
@@ -70,11 +71,9 @@ double MixtureSigma(double probability, double sigma_m, double offset_m, double 
 // Variances per axis.
 Eigen::Vector3d CommonVarianceM2(const CommonErrors& errors, const Eigen::Vector3d& ray_m,
                                  const Eigen::Vector3d& velocity_mps) {
-  const Eigen::Vector3d ray = ray_m.stableNormalized();
-  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  const Eigen::Vector3d across = (up - up.dot(ray) * ray).stableNormalized();
-  return (errors.depth_sigma_m * ray).cwiseAbs2() +
-         (errors.elevation_sigma_m * across).cwiseAbs2() +
+  const Eigen::Matrix3d axes = RayAxes(ray_m);
+  return (errors.depth_sigma_m * axes.col(0)).cwiseAbs2() +
+         (errors.elevation_sigma_m * axes.col(2)).cwiseAbs2() +
          (errors.time_sigma_s * velocity_mps).cwiseAbs2();
 }
 

@@ -139,6 +139,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
   visit("robust.tracker.uniform_birth_share", tracker.uniform_birth_share, Range{0, 1, false});
   visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
+  visit("robust.tracker.gate_sigmas", tracker.gate_sigmas, Range{1, 1e6});
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
   visit("robust.tracker.out_of_view_probability", tracker.out_of_view_probability, Range{0, 1});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});

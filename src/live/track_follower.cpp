@@ -155,7 +155,6 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       node.h = (*models_)[node.model].Update(node.h, motion, prediction, plots[i].plot, at,
                                              association.gain);
       node.model = static_cast<std::uint32_t>(m);
-      if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
       if (!is_taken) {
         AddPlot(plots[i], at);
         is_taken = has_new_plots_ = true;

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "tests/synthetic_plots.hpp"
 
 namespace unlidar {
@@ -39,6 +40,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
         const Motion motion = model.MotionOver(at.time_s - from.time_s);
         const Prediction p = model.Predict(from, unseen, motion, at);
         const ScoreIncrement increment = model.ScoreIncrementOf(p, plots[i]);
+        if (increment.distance2 > Square(config.gate_sigmas)) continue;
         const double score = p.score + increment.log;
         if (score < std::max(kDeletionLog, log_births[i] + kReinitiationLog)) continue;
         hypotheses.push_back(model.Update(from, motion, p, plots[i], at, increment));
@@ -48,7 +50,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
       hypotheses.resize(
           std::min(hypotheses.size(), static_cast<std::size_t>(config.hypotheses_per_plot)));
       for (const Hypothesis& hypothesis : hypotheses) {
-        if (hypothesis.state.mean.col(1).norm() > config.max_speed_mps) continue;
+        EXPECT_LE(hypothesis.state.mean.col(1).norm(), config.max_speed_mps + 1e-9);
         all.push_back(hypothesis);
         if (hypothesis.num_plots >= static_cast<std::uint32_t>(kMinPathPlots))
           best = std::max(best, hypothesis.score);
@@ -242,6 +244,37 @@ TEST(TrackSearch, AGroundTargetDoesNotGoOnAsADroneNearby) {
   for (Plot& plot : plots) plot.lowest_m = plot.position_m.z();
   EXPECT_EQ(LowestOfLastPathM(plots, 2.0), std::vector<double>(11, 9.0));
   EXPECT_EQ(LowestOfLastPathM(plots, kNoGroundTargetsM).front(), 0.5);
+}
+
+// First plot of the best path to the last one, of a target that is seen from 2 s on, `apart_m`
+// beside another that has been seen all the time.
+std::uint32_t FirstOfSecondTarget(double apart_m, const TrackerConfig& config) {
+  std::vector<Plot> plots;
+  for (int i = 0; i < 40; ++i) {
+    const TimeNs time_ns = kBeginNs + i * kPeriodNs;
+    plots.push_back(MakePlot(time_ns, {0.4 * i, 20.0, 5.0}, -12.0, 3));
+    if (i >= 20) plots.push_back(MakePlot(time_ns, {0.4 * i, 20.0 + apart_m, 5.0}, -12.0, 3));
+  }
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
+  const std::vector<char> free(plots.size(), 1);
+  const TrackModel model(config.sigma_a_mps2.back(), WatchOver({}), config);
+  TrackSearch search(log_births, free, model, config);
+  for (const Scan& scan : ScansOf(plots, log_births, WatchOver(plots))) search.Extend(scan);
+  Queue<Path> paths;
+  search.AppendPathsToLastScan(0.0, &paths);
+  return paths.back().plots.front();
+}
+
+TEST(TrackSearch, AnEstablishedTargetTakesNoPlotsOfAnother) {
+  constexpr std::uint32_t kOwnFirst = 21;
+  TrackerConfig config;
+  config.max_gap_s = 0.25;
+  EXPECT_EQ(FirstOfSecondTarget(4.0, config), kOwnFirst);
+  config.gate_sigmas = 1e6;
+  EXPECT_EQ(FirstOfSecondTarget(4.0, config), 0U);
+  // Ways that are faster than any may fly leave no room for those that are not.
+  config.max_gap_s = 10.0;
+  EXPECT_EQ(FirstOfSecondTarget(150.0, config), kOwnFirst);
 }
 
 TEST(TrackSearch, WhatTakesOffGoesOnFromTheGround) {

@@ -5,6 +5,8 @@
 namespace unlidar {
 namespace {
 
+constexpr double kImpossible = -std::numeric_limits<double>::infinity();
+
 Motion SingerMotion(double dt, double tau, double sigma) {
   const double a = 1.0 / tau;
   const double x = a * dt;
@@ -66,8 +68,8 @@ double NumMissedDetections(const Hypothesis& from, const FrameTime& at) {
 }
 
 double LogOutOfView(TimeOutOfView time_out_of_view, const TrackerConfig& config) {
-  return time_out_of_view == TimeOutOfView::kNone ? -std::numeric_limits<double>::infinity()
-                                                  : std::log(config.out_of_view_probability);
+  if (time_out_of_view == TimeOutOfView::kNone) return kImpossible;
+  return std::log(config.out_of_view_probability);
 }
 
 AxisVariances WithNoise(const AxisVariances& variances, double factor, const Motion& motion) {
@@ -228,8 +230,8 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
 ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plot) const {
   const double noise = StreakVarianceM2(plot, p.speed_mps);
   const double offset_s = OffsetS(plot);
-  const double distance2 =
-      (plot.position_m - p.position_m - offset_s * p.velocity_mps).squaredNorm();
+  const Eigen::Vector3d innovation_m = plot.position_m - p.position_m - offset_s * p.velocity_mps;
+  const double distance2 = innovation_m.squaredNorm();
   const auto log_density = [&](double variance) {
     return -1.5 * std::log(2.0 * M_PI * variance) - 0.5 * distance2 / variance;
   };
@@ -238,12 +240,17 @@ ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plo
   // A manoeuvre only widens the density, so near the prediction it is no likelier than its prior.
   const bool may_be_agile =
       0.5 * distance2 / steady_variance > -config_->manoeuvre_log_probability - kRoundingSlack;
+  const double agile_variance = p.agile.At(offset_s) + noise;
   const double agile =
-      may_be_agile ? log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log_probability
-                   : -std::numeric_limits<double>::infinity();
-  return {std::max(steady, agile) + p.log_detection_probability - plot.log_clutter +
-              (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
-          agile > steady};
+      may_be_agile ? log_density(agile_variance) + config_->manoeuvre_log_probability : kImpossible;
+  const bool is_agile = agile > steady;
+  const double velocity_gain_per_s =
+      (is_agile ? p.agile : p.steady).VelocityGainPerS(offset_s, noise);
+  const bool is_too_fast = (p.velocity_mps + velocity_gain_per_s * innovation_m).squaredNorm() >
+                           Square(config_->max_speed_mps);
+  return {(is_too_fast ? kImpossible : std::max(steady, agile)) + p.log_detection_probability -
+              plot.log_clutter + (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
+          is_agile, distance2 / agile_variance};
 }
 
 Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
@@ -332,18 +339,10 @@ double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) 
   return log_out_of_view_ - std::log(std::max(missed, 1.0) * (log_max_frames + kEulerGamma));
 }
 
-double TrackModel::ExposureOfFrame(const FrameTime& at, const State& state) const {
-  return frame_s_[at.sensor] * PerM2(state.mean.col(0) - at.viewpoint_m);
-}
-
 void TrackModel::SetDetectionProbability(const FrameTime& at, Hypothesis* h) const {
   h->frame_exposure_s_per_m2 = ExposureOfFrame(at, h->state);
   h->log_detection_probability =
       LogDetectionProbability(LogMissProbabilityOf(*h, h->frame_exposure_s_per_m2));
-}
-
-double TrackModel::SpeedOf(const State& state) const {
-  return std::min(state.mean.col(1).norm(), config_->max_speed_mps);
 }
 
 }  // namespace unlidar

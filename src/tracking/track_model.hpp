@@ -81,6 +81,11 @@ struct AxisVariances {
     return position_m2 + dt_s * (2.0 * covariance_m2_per_s + dt_s * velocity_m2_per_s2);
   }
 
+  // Gain of the velocity from the innovation of a position of this variance (Kalman).
+  double VelocityGainPerS(double dt_s, double variance_m2) const {
+    return (covariance_m2_per_s + dt_s * velocity_m2_per_s2) / (At(dt_s) + variance_m2);
+  }
+
   // Minimum and maximum of At() within [-half_span_s, half_span_s].
   double Min(double half_span_s) const {
     if (std::abs(covariance_m2_per_s) >= half_span_s * velocity_m2_per_s2) {
@@ -106,10 +111,12 @@ struct Prediction {
   AxisVariances agile;  // after a manoeuvre
 };
 
-// Increment of the track score by a plot.
+// Increment of the track score by a plot: minus infinity for one that the target reaches only
+// faster than any may fly.
 struct ScoreIncrement {
   double log = 0.0;
-  bool is_agile = false;  // likelier after a manoeuvre
+  bool is_agile = false;   // likelier after a manoeuvre
+  double distance2 = 0.0;  // from the prediction, in standard deviations after a manoeuvre, squared
 };
 
 // Bounds over the plots of a frame.
@@ -242,11 +249,15 @@ class TrackModel {
 
  private:
   void SetDetectionProbability(const FrameTime& at, Hypothesis* h) const;
-  double SpeedOf(const State& state) const;  // no more than targets fly
+  double SpeedOf(const State& state) const {  // no more than targets fly
+    return std::min(state.mean.col(1).norm(), config_->max_speed_mps);
+  }
   double LogMissProbabilityOf(const Hypothesis& from, double exposure_s_per_m2) const;
   double LogOutOfViewProbability(double missed, std::uint32_t sensor) const;
   double LogOtherDetectionProbability(const FrameTime& at, const State& state) const;
-  double ExposureOfFrame(const FrameTime& at, const State& state) const;
+  double ExposureOfFrame(const FrameTime& at, const State& state) const {
+    return frame_s_[at.sensor] * PerM2(state.mean.col(0) - at.viewpoint_m);
+  }
 
   double sigma_;
   std::vector<double> frame_s_;    // (sensors)

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/maths.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -59,7 +61,6 @@ void TrackSearch::Extend(const Scan& scan) {
       const Hypothesis& from = active_[p.hypothesis];
       Hypothesis h =
           model_.Update(from, motions_[p.motion], p, scan.PlotAt(i), scan.at, candidate.increment);
-      if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.is_near_ground = scan.PlotAt(i).lowest_m <= ground_target_m_;
       h.parent = from.node;
@@ -224,6 +225,7 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
     const Plot& plot = scan.PlotAt(entry.plot);
     const ScoreIncrement increment = model_.ScoreIncrementOf(p, plot);
+    if (increment.distance2 > Square(config_.gate_sigmas)) continue;
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
     if (IsLikelierNew(active_[p.hypothesis], plot, score, log_births_[entry.plot])) continue;

@@ -6,7 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/maths.hpp"
 #include "tests/synthetic_plots.hpp"
 
 namespace unlidar {
@@ -40,7 +39,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
         const Motion motion = model.MotionOver(at.time_s - from.time_s);
         const Prediction p = model.Predict(from, unseen, motion, at);
         const ScoreIncrement increment = model.ScoreIncrementOf(p, plots[i]);
-        if (increment.distance2 > Square(config.gate_sigmas)) continue;
+        if (increment.is_beyond_gate) continue;
         const double score = p.score + increment.log;
         if (score < std::max(kDeletionLog, log_births[i] + kReinitiationLog)) continue;
         hypotheses.push_back(model.Update(from, motion, p, plots[i], at, increment));

@@ -81,10 +81,8 @@ struct AxisVariances {
     return position_m2 + dt_s * (2.0 * covariance_m2_per_s + dt_s * velocity_m2_per_s2);
   }
 
-  // Gain of the velocity from the innovation of a position of this variance (Kalman).
-  double VelocityGainPerS(double dt_s, double variance_m2) const {
-    return (covariance_m2_per_s + dt_s * velocity_m2_per_s2) / (At(dt_s) + variance_m2);
-  }
+  // Covariance of that position with the velocity.
+  double CovarianceAt(double dt_s) const { return covariance_m2_per_s + dt_s * velocity_m2_per_s2; }
 
   // Minimum and maximum of At() within [-half_span_s, half_span_s].
   double Min(double half_span_s) const {
@@ -115,8 +113,8 @@ struct Prediction {
 // faster than any may fly.
 struct ScoreIncrement {
   double log = 0.0;
-  bool is_agile = false;   // likelier after a manoeuvre
-  double distance2 = 0.0;  // from the prediction, in standard deviations after a manoeuvre, squared
+  bool is_agile = false;        // likelier after a manoeuvre
+  bool is_beyond_gate = false;  // TrackerConfig::gate_sigmas
 };
 
 // Bounds over the plots of a frame.
@@ -137,13 +135,15 @@ struct ScoreBound {
   double agile_top = 0.0;
   double agile_slope = 0.0;
   double travel_m = 0.0;  // within the frame, either side of its middle
+  double gate_log = 0.0;  // what a plot at the gate loses against one at the prediction
 
-  // Falls with distance.
+  // Falls with distance; minus infinity beyond the gate.
   double At(double distance2_m2) const {
     if (travel_m > 0.0) {
       const double left_m = std::max(0.0, std::sqrt(distance2_m2) - travel_m);
       distance2_m2 = left_m * left_m;
     }
+    if (agile_slope * distance2_m2 > gate_log) return -std::numeric_limits<double>::infinity();
     return std::max(steady_top - steady_slope * distance2_m2,
                     agile_top - agile_slope * distance2_m2);
   }

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <limits>
 
-#include "base/maths.hpp"
-
 namespace unlidar {
 namespace {
 
@@ -225,7 +223,7 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
     const Plot& plot = scan.PlotAt(entry.plot);
     const ScoreIncrement increment = model_.ScoreIncrementOf(p, plot);
-    if (increment.distance2 > Square(config_.gate_sigmas)) continue;
+    if (increment.is_beyond_gate) continue;
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
     if (IsLikelierNew(active_[p.hypothesis], plot, score, log_births_[entry.plot])) continue;

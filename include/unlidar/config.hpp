@@ -74,7 +74,7 @@ struct TrackerConfig {
   std::vector<double> birth_speeds_mps = {1.0, 8.0};   // std. dev. per axis, all searched
   double uniform_birth_share = 0.1;                    // over plots; the others scale with volume
   double max_speed_mps = 35.0;
-  double gate_sigmas = 4.0;  // of a manoeuvre: a plot farther from a prediction is another target's
+  double gate_sigmas = 4.0;  // [S] of a manoeuvre; plots beyond are of other targets
   double max_gap_s = 10.0;   // without a plot
   // That a target is out of view between two plots: a run of missed detections is no less likely.
   double out_of_view_probability = 0.1;

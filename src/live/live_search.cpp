@@ -37,7 +37,7 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
     if (searches_.size() <= m) {
       searches_.emplace_back(
           log_births_, free_, models_[m], tracker,
-          robust.Uses(Rule::kGroundPast) ? robust.off_ground_m : kNoGroundTargetsM);
+          robust.Uses(Rule::kGroundPast) ? robust.off_ground_m : kNoGroundTargetsM, true);
     }
     searches_[m].SetModel(models_[m]);
   }

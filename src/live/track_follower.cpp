@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/recording.hpp"
 #include "live/rejoin.hpp"
@@ -71,7 +72,9 @@ void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime
   const Prediction p = model.Predict(best.h, model.PredictedScore(best.h, at),
                                      model.MotionOver(at.time_s - best.h.time_s), at);
   for (const LivePlot& seen : plots) {
-    gains->push_back(p.score + model.ScoreIncrementOf(p, seen.plot).log - score_if_missed);
+    const ScoreIncrement increment = model.ScoreIncrementOf(p, seen.plot);
+    gains->push_back(increment.is_too_fast ? -std::numeric_limits<double>::infinity()
+                                           : p.score + increment.log - score_if_missed);
   }
 }
 
@@ -109,7 +112,7 @@ void TrackFollower::Associate(const std::vector<LivePlot>& plots,
                              0.2 * p.velocity_mps.norm();
       if ((plot.position_m - p.position_m).squaredNorm() > reach_m * reach_m) continue;
       const ScoreIncrement gain = model.ScoreIncrementOf(p, plot);
-      if (p.score + gain.log <= association.score) continue;
+      if (gain.is_too_fast || p.score + gain.log <= association.score) continue;
       association = {p.score + gain.log, scratch_.predicted.size() - 1, gain};
     }
   }

@@ -83,7 +83,6 @@ TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {
     const std::vector<Plot> plots = Crossings(num_pairs);
     TrackerConfig config;
     config.return_rate_m2_per_s = 10.0 * kRange_m * kRange_m;
-    config.gate_sigmas = 1e6;  // so that first paths are wrong
     Effort effort;
     EXPECT_EQ(FindPaths(plots, WatchOver(plots), config, &effort).size(),
               2U * static_cast<std::size_t>(num_pairs));

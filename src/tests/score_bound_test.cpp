@@ -66,7 +66,6 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
   Random random(3);
   const TrackerConfig config;
   double least_slack = 1e9;
-  int num_within = 0;
   for (const int num_sensors : {1, 3}) {
     for (const double sigma_a_mps2 : config.sigma_a_mps2) {
       const TrackModel model(sigma_a_mps2, WatchOver({}, num_sensors), config);
@@ -74,10 +73,7 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
         const PredictedPlot at = RandomPrediction(model, &random);
         const Prediction& p = at.prediction;
         const Plot& plot = at.plot;
-        const ScoreIncrement increment = model.ScoreIncrementOf(p, plot);
-        if (increment.is_beyond_gate || std::isinf(increment.log)) continue;
-        ++num_within;
-        const double score = p.score + increment.log;
+        const double score = p.score + model.ScoreIncrementOf(p, plot).log;
         const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
         const double offset_s =
             std::abs(static_cast<double>(plot.time_ns - plot.frame_time_ns)) * 1e-9;
@@ -95,7 +91,6 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
     }
   }
   EXPECT_LT(least_slack, 0.01);
-  EXPECT_GT(num_within, 3000);
 }
 
 TEST(ScoreBound, FallsWithDistance) {

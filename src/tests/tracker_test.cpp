@@ -108,7 +108,6 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     MixSensors(num_sensors, &mixer, &plots);
     const ScanSchedule scan_schedule = WatchOver(plots, num_sensors);
     TrackerConfig few_ways;
-    few_ways.gate_sigmas = 1e6;  // an enumeration has no gate
     const TrackerConfig all_ways = WithAllWays(few_ways);
     const Path expected = BestByEnumeration(plots, all_ways, num_sensors);
     const Path found = BestOf(plots, scan_schedule, all_ways);

@@ -244,15 +244,14 @@ ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plo
   const double agile =
       may_be_agile ? log_density(agile_variance) + config_->manoeuvre_log_probability : kImpossible;
   const bool is_agile = agile > steady;
-  // Velocity after the plot, times the variance.
   const AxisVariances& used = is_agile ? p.agile : p.steady;
   const double used_variance = is_agile ? agile_variance : steady_variance;
   const bool is_too_fast =
       (used_variance * p.velocity_mps + used.CovarianceAt(offset_s) * innovation_m).squaredNorm() >
       Square(used_variance * config_->max_speed_mps);
-  return {(is_too_fast ? kImpossible : std::max(steady, agile)) + p.log_detection_probability -
-              plot.log_clutter + (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
-          is_agile, distance2 > Square(config_->gate_sigmas) * agile_variance};
+  return {std::max(steady, agile) + p.log_detection_probability - plot.log_clutter +
+              (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
+          is_agile, is_too_fast, distance2 > Square(config_->gate_sigmas) * agile_variance};
 }
 
 Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
@@ -299,7 +298,8 @@ Hypothesis TrackModel::PredictAndUpdate(const Hypothesis& from, const Plot& plot
 double TrackModel::GainOf(const Hypothesis& from, const Plot& plot, const FrameTime& at) const {
   const Prediction p =
       Predict(from, PredictedScore(from, at), MotionOver(at.time_s - from.time_s), at);
-  return p.score + ScoreIncrementOf(p, plot).log - ScoreAfterMisses(from, at);
+  const ScoreIncrement increment = ScoreIncrementOf(p, plot);
+  return increment.is_too_fast ? kImpossible : p.score + increment.log - ScoreAfterMisses(from, at);
 }
 
 ScoreBound TrackModel::BoundOf(const State& state, const Motion& motion,
@@ -313,8 +313,8 @@ ScoreBound TrackModel::BoundOf(const State& state, const Motion& motion,
     return 0.5 / (variances.Max(frame.half_span_s) + max_m2);
   };
   // A manoeuvre only widens the density: at its top it is no likelier than its prior.
-  return {steady_top,   slope(steady), steady_top + config_->manoeuvre_log_probability,
-          slope(agile), travel_m,      0.5 * Square(config_->gate_sigmas)};
+  return {steady_top, slope(steady), steady_top + config_->manoeuvre_log_probability, slope(agile),
+          travel_m};
 }
 
 double TrackModel::LogDetectionProbabilityOf(const Hypothesis& from, const FrameTime& at) const {

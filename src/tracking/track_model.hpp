@@ -109,11 +109,11 @@ struct Prediction {
   AxisVariances agile;  // after a manoeuvre
 };
 
-// Increment of the track score by a plot: minus infinity for one that the target reaches only
-// faster than any may fly.
+// Increment of the track score by a plot.
 struct ScoreIncrement {
   double log = 0.0;
   bool is_agile = false;        // likelier after a manoeuvre
+  bool is_too_fast = false;     // with it the target exceeds TrackerConfig::max_speed_mps
   bool is_beyond_gate = false;  // TrackerConfig::gate_sigmas
 };
 
@@ -135,7 +135,8 @@ struct ScoreBound {
   double agile_top = 0.0;
   double agile_slope = 0.0;
   double travel_m = 0.0;  // within the frame, either side of its middle
-  double gate_log = 0.0;  // what a plot at the gate loses against one at the prediction
+  // What a plot at the gate loses against one at the prediction; without a gate none is there.
+  double gate_log = std::numeric_limits<double>::infinity();
 
   // Falls with distance; minus infinity beyond the gate.
   double At(double distance2_m2) const {

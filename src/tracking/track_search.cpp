@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/maths.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -40,12 +42,13 @@ TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vecto
 
 TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config,
-                         double ground_target_m)
+                         double ground_target_m, bool is_gated)
     : log_births_(log_births),
       free_(free),
       model_(model),
       config_(config),
-      ground_target_m_(ground_target_m) {}
+      ground_target_m_(ground_target_m),
+      is_gated_(is_gated) {}
 
 void TrackSearch::Extend(const Scan& scan) {
   last_scan_ = history_.size();
@@ -59,6 +62,7 @@ void TrackSearch::Extend(const Scan& scan) {
       const Hypothesis& from = active_[p.hypothesis];
       Hypothesis h =
           model_.Update(from, motions_[p.motion], p, scan.PlotAt(i), scan.at, candidate.increment);
+      if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.is_near_ground = scan.PlotAt(i).lowest_m <= ground_target_m_;
       h.parent = from.node;
@@ -182,6 +186,7 @@ void TrackSearch::Continue(const Outlook& outlook, const Scan& scan) {
   const AxisVariances agile = AgileVariancesOf(outlook.steady, motion);
   ScoreBound bound =
       model_.BoundOf(from.state, motion, outlook.steady, agile, scan.bounds, outlook.top);
+  if (is_gated_) bound.gate_log = 0.5 * Square(config_.gate_sigmas);
   if (HasManyPlots(scan)) {
     bound.agile_top = model_.AgileTopOf(
         outlook.score + model_.LogDetectionProbabilityOf(from, scan.at), agile, scan.bounds);
@@ -223,7 +228,7 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
     const Plot& plot = scan.PlotAt(entry.plot);
     const ScoreIncrement increment = model_.ScoreIncrementOf(p, plot);
-    if (increment.is_beyond_gate) continue;
+    if (is_gated_ && (increment.is_too_fast || increment.is_beyond_gate)) continue;
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
     if (IsLikelierNew(active_[p.hypothesis], plot, score, log_births_[entry.plot])) continue;

@@ -28,10 +28,11 @@ class TrackSearch {
 
   // For a stream: Extend() adds each frame as it arrives. No path goes on from a plot of at most
   // `ground_target_m` height to a higher one where a new target is likelier: a refused path of a
-  // car, which stays in the search, would be the likeliest way to any drone near it.
+  // car, which stays in the search, would be the likeliest way to any drone near it. `is_gated`:
+  // nor does it go on to what is out of its reach, for which ways that are too fast leave no other.
   TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config,
-              double ground_target_m = kNoGroundTargetsM);
+              double ground_target_m = kNoGroundTargetsM, bool is_gated = false);
 
   // Returns the best path through plots that are still free; empty, with score 0, if there is none.
   Path Best();
@@ -140,6 +141,7 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   double ground_target_m_;
+  bool is_gated_;
   std::vector<Node> history_;            // all hypotheses
   std::size_t last_scan_ = 0;            // index of its first hypothesis in the history
   std::vector<PathEnd> ends_;            // heap; their plots may have been taken since

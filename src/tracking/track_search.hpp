@@ -29,7 +29,8 @@ class TrackSearch {
   // For a stream: Extend() adds each frame as it arrives. No path goes on from a plot of at most
   // `ground_target_m` height to a higher one where a new target is likelier: a refused path of a
   // car, which stays in the search, would be the likeliest way to any drone near it. `is_gated`:
-  // nor does it go on to what is out of its reach, for which ways that are too fast leave no other.
+  // nor to a plot beyond the gate or too far to be reached: such ways would displace those of
+  // others.
   TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config,
               double ground_target_m = kNoGroundTargetsM, bool is_gated = false);

@@ -58,11 +58,11 @@ void TrackSearch::Extend(const Scan& scan) {
   for (std::size_t i = scan.first; i < scan.last; ++i) {
     if (!free_[i]) continue;
     for (const Candidate& candidate : candidates_[i - scan.first]) {
+      if (candidate.increment.is_too_fast) continue;
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = active_[p.hypothesis];
       Hypothesis h =
           model_.Update(from, motions_[p.motion], p, scan.PlotAt(i), scan.at, candidate.increment);
-      if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.is_near_ground = scan.PlotAt(i).lowest_m <= ground_target_m_;
       h.parent = from.node;

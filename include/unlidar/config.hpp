@@ -96,33 +96,34 @@ struct CollectConfig {
 // Rules that can be switched off for an ablation, [R] of recordings or [S] of streams only;
 // docs/explain.md has the reason for each.
 enum class Rule {
-  kTransient,        // [R] transient places high in the air have no hidden support
-  kDwell,            // [R] dwells before take-off and after landing belong to the path
-  kSpots,            // [R] returns are weighed against the clutter of their very spots
-  kAlternatives,     // [R] sigmas include alternative modes
-  kSway,             // sway of a station without poses is estimated and removed
-  kFrameLength,      // length of frames without point times, estimated from streaks
-  kCrowded,          // other detections near a path at the same time count against it
-  kBodies,           // people and vehicles yield no plots
-  kStrays,           // strays of weather are neither structure nor parts of bodies
-  kStrayGroups,      // more returns side by side than strays group to by chance are kept
-  kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
-  kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
-  kRoundBodies,      // how far the centre lies behind the returns is told by their shape
-  kCollection,       // [R] all returns along a path are collected, not only those of its plots
-  kAgilityChange,    // [S] a target that has flown calmly may manoeuvre, and the reverse
-  kGroundPast,       // [S] paths of ground targets do not go on to drones
-  kGroundClaim,      // [S] a lost track leaves their plots to ground targets
-  kLikelierRefusal,  // [S] most plots of a likelier path that a gate refuses are no target
-  kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
-  kOnStructure,      // gates: people and vehicles on bridges and roofs,
-  kPause,            // plots beside a pause that are another target's,
-  kStationary,       // objects at rest: [S] supported ones, those that the sensor passes,
-  kSurge,            // [S] plots while the clutter changes,
-  kSuspended,        // suspended objects,
-  kCloud,            // steam, smoke, dust,
-  kGrowth,           // which grow, as a body does not,
-  kInsect            // targets narrower than any drone
+  kTransient,         // [R] transient places high in the air have no hidden support
+  kDwell,             // [R] dwells before take-off and after landing belong to the path
+  kSpots,             // [R] returns are weighed against the clutter of their very spots
+  kAlternatives,      // [R] sigmas include alternative modes
+  kSway,              // sway of a station without poses is estimated and removed
+  kFrameLength,       // length of frames without point times, estimated from streaks
+  kCrowded,           // other detections near a path at the same time count against it
+  kBodies,            // people and vehicles yield no plots
+  kStrays,            // strays of weather are neither structure nor parts of bodies
+  kStrayGroups,       // more returns side by side than strays group to by chance are kept
+  kLocalClutter,      // the clutter intensity is estimated in narrowing neighbourhoods
+  kSecondRound,       // [R] targets of a first search are left out of the clutter of a second
+  kRoundBodies,       // how far the centre lies behind the returns is told by their shape
+  kCollection,        // [R] all returns along a path are collected, not only those of its plots
+  kAgilityChange,     // [S] a target that has flown calmly may manoeuvre, and the reverse
+  kGroundPast,        // [S] paths of ground targets do not go on to drones
+  kGroundClaim,       // [S] a lost track leaves their plots to ground targets
+  kLikelierRefusal,   // [S] most plots of a likelier path that a gate refuses are no target
+  kClutterLearning,   // [S] the threshold is higher while the clutter is hardly known
+  kOnStructure,       // gates: people and vehicles on bridges and roofs,
+  kPause,             // plots beside a pause that are another target's,
+  kStationary,        // objects at rest: [S] supported ones, those that the sensor passes,
+  kSurge,             // [S] plots while the clutter changes,
+  kSuspended,         // suspended objects,
+  kCloud,             // steam, smoke, dust,
+  kGrowth,            // which grow, as a body does not,
+  kVolumeScattering,  // and are seen into,
+  kInsect             // targets narrower than any drone
 };
 
 struct RobustConfig {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "base/symmetric_matrix.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"
@@ -25,19 +24,24 @@ struct ReturnCluster {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // their mean
   bool is_own = false;                                   // of the target under test
   double num_returns = 1.0;
-  const SymmetricMatrix* scatter_m2 = nullptr;  // sum over returns, about their mean; may be null
+  // Sum over its returns, about their mean, less the motion of the target meanwhile.
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
 };
 
 // Extent of a target and of the returns about it along its trajectory.
 class Shape {
  public:
-  explicit Shape(const RobustConfig& config) : uses_growth_(config.Uses(Rule::kGrowth)) {}
+  explicit Shape(const RobustConfig& config)
+      : uses_growth_(config.Uses(Rule::kGrowth)),
+        uses_volume_(config.Uses(Rule::kVolumeScattering)) {}
 
-  // Adds a frame. `at`: the target at its middle; `clusters`: the returns of the frame in the air.
+  // Adds a frame. `at`: the target at its middle; `clusters`: the returns of the frame in the air;
+  // `streak_m2`: of the frame, see StreakM2().
   void Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
-           const std::vector<ReturnCluster>& clusters);
+           const Eigen::Matrix3d& streak_m2, const std::vector<ReturnCluster>& clusters);
 
-  // True if it is wider than any drone, grows, or is a piece of one of these clouds.
+  // True if it is wider than any drone, scatters as a volume, grows, or is a piece of one of these
+  // clouds.
   bool IsCloud(const std::vector<const Shape*>& clouds) const;
 
   // True if its returns lie closer together than those of any drone.
@@ -75,6 +79,20 @@ class Shape {
     Tally tally;
   };
 
+  // Spread of the own returns of each frame about their mean, summed over the frames.
+  struct Volume {
+    // Along the ray, horizontally and upwards across it: what regression on the other two leaves.
+    Eigen::Array3d residual_m2 = Eigen::Array3d::Zero();
+    double residual_freedom = 0.0;
+    double squared_freedom = 0.0;  // by the squares of the weights
+    double scatter_m2 = 0.0;       // all axes together
+    double scatter_freedom = 0.0;
+
+    // `frame_m2`: scatter of the `count` returns of a frame, in ray axes.
+    void Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& noise_m2, double count,
+             double weight);
+  };
+
   // Own returns in each third of the time in which there were any.
   struct Thirds {
     Tally first;
@@ -89,6 +107,10 @@ class Shape {
   // more than `ratio` times that in the first, and in the middle third it is on the way.
   bool HasGrown(double ratio) const;
 
+  // True if its returns fill a volume, whichever way it is looked at, by this number of standard
+  // errors: it is seen into. Those of a body lie on its skin.
+  bool ScattersAsVolume(double sigmas) const;
+
   // True if it was watched for as long as a cloud takes to grow, and is certainly still narrow.
   bool StaysNarrow() const;
 
@@ -100,7 +122,9 @@ class Shape {
   bool IsPartOf(const std::vector<const Shape*>& clouds) const;
 
   bool uses_growth_;
+  bool uses_volume_;
   std::vector<OwnFrame> own_;
+  Volume volume_;
   Tally near_;                     // other returns near it
   Tally within_;                   // own returns less one per frame, about the means of the frames
   double strays_ = 0.0;            // all about it

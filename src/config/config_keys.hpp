@@ -113,6 +113,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"suspended", Rule::kSuspended},
                        {"cloud", Rule::kCloud},
                        {"growth", Rule::kGrowth},
+                       {"volume_scattering", Rule::kVolumeScattering},
                        {"insect", Rule::kInsect}}}});
 
   auto& background = robust.background;

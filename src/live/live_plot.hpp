@@ -34,6 +34,14 @@ struct LivePlot {
   Eigen::Vector3f time_covariance_ms = Eigen::Vector3f::Zero();
   float time_scatter_s2 = 0.0F;
   FacingSums facing_sums;
+
+  // Sum of the squares of the offsets of its returns from a target that moves, about their mean.
+  Eigen::Matrix3d ScatterM2(const Eigen::Vector3d& velocity_mps) const {
+    const Eigen::Matrix3d moved_m2 = (time_covariance_ms.cast<double>() -
+                                      0.5 * static_cast<double>(time_scatter_s2) * velocity_mps) *
+                                     velocity_mps.transpose();
+    return scatter_m2.Full() - moved_m2 - moved_m2.transpose();
+  }
 };
 
 // Plots of the last frames, in order of time.

@@ -81,16 +81,18 @@ void TrackValidator::SetShape(const TrackFollower& follower, const RecentPlots& 
     std::size_t begin = end - 1;
     while (begin > 0 && seen[begin - 1].plot.frame == last.frame) --begin;
     if (last.frame_time_ns <= trajectory.end_ns()) {
+      const TrajectoryRow at = trajectory.At(last.frame_time_ns);
       clusters_.clear();
       for (std::size_t i = begin; i < end; ++i) {
         const Plot& plot = seen[i].plot;
         const bool is_own = follower.fit().IsInlier(plot);
         if (!is_own && plot.lowest_m < kPersonHeightM) continue;
         clusters_.push_back({plot.time_ns, plot.position_m, is_own,
-                             static_cast<double>(plot.num_returns), &seen[i].scatter_m2});
+                             static_cast<double>(plot.num_returns),
+                             seen[i].ScatterM2(at.velocity_mps)});
       }
       if (!clusters_.empty()) {
-        shape_.Add(trajectory.At(last.frame_time_ns), last.ViewpointM(), clusters_);
+        shape_.Add(at, last.ViewpointM(), StreakM2(last.streak_s, at.velocity_mps), clusters_);
       }
     }
     end = begin;

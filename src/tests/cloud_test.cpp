@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <vector>
 
+#include "collection/body.hpp"
 #include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"
 
@@ -162,6 +164,67 @@ TEST(ShapeRejections, WhatGrowsIsACloudBeforeItIsWide) {
   RobustConfig without;
   without.disabled_rules = {Rule::kGrowth};
   EXPECT_EQ(sky.Kept(without), std::vector<double>({0}));
+}
+
+// Returns at which a body or a cloud scatters, relative to its centre.
+using Scatterer =
+    std::function<Eigen::Vector3d(testing::Random* random, const Eigen::Vector3d& ray, int frame)>;
+
+// Judges what is seen in 30 frames of eight returns each while it passes at 12 m/s.
+bool IsCloud(const Scatterer& scatterer, bool is_timed, const RobustConfig& config) {
+  testing::Random random(7);
+  Shape shape(config);
+  for (int i = 0; i < 30; ++i) {
+    TrajectoryRow at;
+    at.time_ns = static_cast<TimeNs>(i) * 100'000'000;
+    at.velocity_mps = {12.0, -1.0, 0.5};
+    at.position_m = Eigen::Vector3d(-16.0, 14.0, 8.0) + 0.1 * i * at.velocity_mps;
+    std::vector<ReturnCluster> clusters(8);
+    for (ReturnCluster& one : clusters) {
+      one.time_ns = at.time_ns + static_cast<TimeNs>(random.Uniform(-4e7, 4e7));
+      one.is_own = true;
+      one.position_m = at.position_m + scatterer(&random, at.position_m.normalized(), i) +
+                       SecondsOf(one.time_ns - at.time_ns) * at.velocity_mps;
+      if (!is_timed) one.time_ns = at.time_ns;
+    }
+    shape.Add(at, Eigen::Vector3d::Zero(), StreakM2(is_timed ? 0.0 : 0.08, at.velocity_mps),
+              clusters);
+  }
+  return shape.IsCloud({});
+}
+
+TEST(Shape, WhatScattersAsAVolumeIsACloud) {
+  const Scatterer in_ball = [](testing::Random* random, const Eigen::Vector3d&, int) {
+    const Eigen::Vector3d half_m = Eigen::Vector3d::Constant(0.5);
+    Eigen::Vector3d one_m = random->InBox(-half_m, half_m);
+    while (one_m.norm() > 0.5) one_m = random->InBox(-half_m, half_m);
+    return one_m;
+  };
+  const Scatterer on_ball = [](testing::Random* random, const Eigen::Vector3d& ray, int) {
+    return random->OnFacingSide(0.6, ray);
+  };
+  // A multicopter that is seen through and banks by up to 20 degrees.
+  const Scatterer flat = [](testing::Random* random, const Eigen::Vector3d&, int frame) {
+    const Eigen::Vector3d half_m(0.7, 0.7, 0.2);
+    const Eigen::Vector3d axis(std::cos(frame), std::sin(frame), 0.0);
+    const Eigen::AngleAxisd attitude(0.35 * std::sin(2.0 * frame), axis);
+    return Eigen::Vector3d(attitude * random->InBox(-half_m, half_m));
+  };
+  // One beam of a ring tells nothing of the height.
+  const Scatterer in_ring = [&](testing::Random* random, const Eigen::Vector3d& ray, int frame) {
+    const Eigen::Vector3d up = (Eigen::Vector3d::UnitZ() - ray.z() * ray).normalized();
+    const Eigen::Vector3d one_m = in_ball(random, ray, frame);
+    return Eigen::Vector3d(one_m - one_m.dot(up) * up);
+  };
+  const RobustConfig config;
+  EXPECT_TRUE(IsCloud(in_ball, true, config));
+  EXPECT_FALSE(IsCloud(on_ball, true, config));
+  EXPECT_FALSE(IsCloud(flat, true, config));
+  EXPECT_FALSE(IsCloud(flat, false, config));
+  EXPECT_FALSE(IsCloud(in_ring, true, config));
+  RobustConfig without;
+  without.disabled_rules = {Rule::kVolumeScattering};
+  EXPECT_FALSE(IsCloud(in_ball, true, without));
 }
 
 TEST(ShapeRejections, AWideBodyDoesNotGrow) {

@@ -374,7 +374,7 @@ std::vector<TrajectoryRow> RowsOfOneThatSpeedsUp(double streak_s, bool has_strea
     const double way_m = 1.5 * time_s * kPeriodS;
     const double along_m2 = has_streak ? way_m * way_m / 12.0 : 0.0;
     seen.scatter_m2 = SymmetricMatrix(
-        Eigen::Matrix3d(Eigen::Vector3d(0.05, 0.05 + 5.0 * along_m2, 0.05).asDiagonal()));
+        Eigen::Matrix3d(Eigen::Vector3d(0.02, 0.05 + 5.0 * along_m2, 0.05).asDiagonal()));
     return seen;
   };
   Tracks t;
@@ -466,6 +466,14 @@ LivePlot DustAt(int i) { return SpreadAt(i, 0.05 + 0.008 * i); }
 // Dust that grows slowly.
 LivePlot SlowDustAt(int i) { return SpreadAt(i, 0.1 + 0.004 * i); }
 
+// Smoke that is seen into, no wider than a large drone.
+LivePlot SmokeAt(int i) {
+  LivePlot seen = DroneAt(i);
+  seen.plot.num_returns = 12;
+  seen.scatter_m2 = SymmetricMatrix(12.0 * 0.2 * 0.2 * Eigen::Matrix3d::Identity());
+  return seen;
+}
+
 // A target too small for a drone.
 LivePlot InsectAt(int i) {
   LivePlot seen = DroneAt(i);
@@ -529,6 +537,7 @@ TEST(ConfirmedTracks, TheTraceNamesTheRuleForWhichATrackHasNoRows) {
     Rejection rejection;
   } cases[] = {{PuffAt, Rule::kCloud, TrackState::kRejected, Rejection::kCloud},
                {DustAt, Rule::kGrowth, TrackState::kRejected, Rejection::kCloud},
+               {SmokeAt, Rule::kVolumeScattering, TrackState::kRejected, Rejection::kCloud},
                {InsectAt, Rule::kInsect, TrackState::kRejected, Rejection::kInsect},
                {HangingAt, Rule::kSuspended, TrackState::kWaiting, Rejection::kSuspended}};
   for (const auto& [plot_at, rule, state, rejection] : cases) {

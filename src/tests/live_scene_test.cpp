@@ -215,5 +215,27 @@ TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
   }
 }
 
+TEST(LivePlot, ScattersAsATargetAtRestDoesOnceItsMotionIsTakenOff) {
+  constexpr int kReturns = 9;
+  const Eigen::Vector3d velocity_mps(9.0, -4.0, 2.0);
+  Random random(5);
+  Eigen::Matrix<double, 3, kReturns> rest_m;
+  Eigen::Matrix<double, 1, kReturns> times_s;
+  for (int k = 0; k < kReturns; ++k) {
+    rest_m.col(k) = random.NormalVector(0.2);
+    times_s(k) = random.Uniform(-0.05, 0.05);
+  }
+  rest_m.colwise() -= rest_m.rowwise().mean().eval();
+  times_s.array() -= times_s.mean();
+  const Eigen::Matrix<double, 3, kReturns> seen_m = rest_m + velocity_mps * times_s;
+  LivePlot seen;
+  seen.scatter_m2 = SymmetricMatrix(seen_m * seen_m.transpose());
+  seen.time_covariance_ms = (seen_m * times_s.transpose()).cast<float>();
+  seen.time_scatter_s2 = static_cast<float>(times_s.squaredNorm());
+  const Eigen::Matrix3d expected_m2 = rest_m * rest_m.transpose();
+  EXPECT_LT((seen.ScatterM2(velocity_mps) - expected_m2).norm(), 1e-5);
+  EXPECT_GT((seen.scatter_m2.Full() - expected_m2).norm(), 0.1);
+}
+
 }  // namespace
 }  // namespace unlidar

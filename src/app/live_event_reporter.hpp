@@ -11,7 +11,7 @@
 #include "app/live_output.hpp"
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
-#include "app/service_notify.hpp"
+#include "app/service.hpp"
 #include "io/livox_time.hpp"
 #include "unlidar/engine.hpp"
 

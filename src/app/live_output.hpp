@@ -11,10 +11,9 @@
 #include <vector>
 
 #include "app/growing_file.hpp"
-#include "app/newest_lines.hpp"
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
-#include "app/signals.hpp"
+#include "app/service.hpp"
 #include "io/livox_time.hpp"
 #include "unlidar/engine.hpp"
 

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "app/arguments.hpp"
-#include "app/capture_files.hpp"
+#include "app/packet_recorder.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/summary.hpp"

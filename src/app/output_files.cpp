@@ -4,16 +4,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <deque>
 #include <filesystem>
 #include <new>
 #include <optional>
+#include <random>
 #include <utility>
 
-#include "app/temporary_path.hpp"
 #include "base/format.hpp"
 #include "io/descriptor.hpp"
 #include "unlidar/error.hpp"
@@ -29,6 +31,37 @@ constexpr int kMaxLinks = 40;                  // as Linux
 constexpr mode_t kRights = 0777;
 constexpr mode_t kGroupRights = 0070;
 constexpr uid_t kNoChange = static_cast<uid_t>(-1);
+constexpr int kDeadlySignals[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXCPU};
+
+// A list that is consistent at every instant: a signal may arrive between any two instructions.
+std::atomic<TemporaryPath*> first_path = nullptr;
+
+// Gives the signals that mean `from` the meaning `to`.
+void Exchange(void (*from)(int), void (*to)(int)) {
+  struct sigaction action {};
+  action.sa_handler = to;
+  for (const int signal : kDeadlySignals) {
+    struct sigaction old {};
+    if (::sigaction(signal, nullptr, &old) == 0 && old.sa_handler == from) {
+      ::sigaction(signal, &action, nullptr);
+    }
+  }
+}
+
+// Calls only what a signal handler may.
+void RemoveAllAndDie(int signal) {
+  TemporaryPath::RemoveAll();
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);  // it is held back until the end of this function
+}
+
+// A counter or the process' number would come again after a restart, in a container the same.
+std::string RandomPathBeside(const std::string& path) {
+  std::random_device random;
+  char name[48];
+  std::snprintf(name, sizeof(name), ".unlidar_track-%08x%08x.part", random(), random());
+  return (fs::path(path).parent_path() / name).string();
+}
 
 [[noreturn]] void FailWith(int error, const std::string& path) {
   if (error == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
@@ -138,6 +171,30 @@ class TemporaryFile {
 };
 
 }  // namespace
+
+TemporaryPath::TemporaryPath(const std::string& beside)
+    : path_(RandomPathBeside(beside)), next_(first_path) {
+  if (next_ == nullptr) Exchange(SIG_DFL, RemoveAllAndDie);
+  first_path = this;
+}
+
+TemporaryPath::~TemporaryPath() {
+  Uninterrupted([&] { return ::unlink(path_.c_str()); });
+  if (first_path == this) {
+    first_path = next_;
+  } else {
+    TemporaryPath* before = first_path;
+    while (before->next_ != this) before = before->next_;
+    before->next_ = next_;
+  }
+  if (first_path == nullptr) Exchange(RemoveAllAndDie, SIG_DFL);
+}
+
+void TemporaryPath::RemoveAll() {
+  for (TemporaryPath* path = first_path; path != nullptr; path = path->next_) {
+    ::unlink(path->path_.c_str());
+  }
+}
 
 ContentWriter Content(std::string bytes) {
   return [bytes = std::move(bytes)](const Sink& sink) { sink(bytes); };

@@ -12,7 +12,7 @@
 
 #include "app/growing_file.hpp"
 #include "app/output_files.hpp"
-#include "app/signals.hpp"
+#include "app/service.hpp"
 #include "live/live_trace.hpp"
 #include "recording/robust.hpp"
 

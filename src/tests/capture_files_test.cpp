@@ -1,4 +1,4 @@
-#include "app/capture_files.hpp"
+#include "app/packet_recorder.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>

@@ -1,4 +1,4 @@
-#include "app/newest_lines.hpp"
+#include "app/growing_file.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>

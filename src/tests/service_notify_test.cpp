@@ -1,4 +1,4 @@
-#include "app/service_notify.hpp"
+#include "app/service.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/socket.h>

@@ -10,12 +10,12 @@
 #include <optional>
 #include <utility>
 
-#include "app/packet_recorder.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
 #include "app/output.hpp"
+#include "app/packet_recorder.hpp"
 #include "app/service.hpp"
 #include "app/summary.hpp"
 #include "app/trace_output.hpp"

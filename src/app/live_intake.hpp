@@ -9,10 +9,9 @@
 
 #include "app/arguments.hpp"
 #include "app/live_event_reporter.hpp"
-#include "app/processing_times.hpp"
 #include "app/summary.hpp"
+#include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
-#include "io/frame_pace.hpp"
 #include "io/input_limits.hpp"
 #include "io/pcd.hpp"
 #include "live/live_engine.hpp"

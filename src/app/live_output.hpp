@@ -14,7 +14,7 @@
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
 #include "app/service.hpp"
-#include "io/livox_time.hpp"
+#include "io/livox_frames.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {

@@ -5,9 +5,9 @@
 #include <optional>
 
 #include "app/arguments.hpp"
-#include "app/packet_recorder.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
+#include "app/packet_recorder.hpp"
 #include "app/summary.hpp"
 #include "unlidar/config.hpp"
 

@@ -69,8 +69,8 @@ struct RecordingCounts {
   std::uint64_t bytes = 0;         // of all files that are there
 };
 
-// Records in a thread of its own, as a slow disk delays no frame: once a second, or more often where
-// there are many packets.
+// Records in a thread of its own, as a slow disk delays no frame: once a second, or more often
+// where there are many packets.
 class PacketRecorder {
  public:
   // `files`, which must outlive it, is its own until Stop().

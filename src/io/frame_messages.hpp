@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "io/frame_clock.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "io/frame_clock.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -1,5 +1,3 @@
-#include "app/packet_recorder.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
@@ -11,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "app/packet_recorder.hpp"
 #include "io/packet_capture.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"

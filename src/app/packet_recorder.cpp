@@ -12,11 +12,14 @@
 #include <cstring>
 #include <ctime>
 #include <filesystem>
+#include <iomanip>
+#include <regex>
+#include <sstream>
 #include <utility>
 
 #include "app/output_files.hpp"
 #include "base/format.hpp"
-#include "io/packet_capture.hpp"
+#include "base/recording.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -24,36 +27,52 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kPrefix = "packets_";
-constexpr std::string_view kTimeShape = "_00000000T000000Z.pcap";  // 0: any digit
-constexpr std::size_t kMinDigits = 8;
-constexpr std::size_t kMaxDigits = 15;
-
 constexpr std::chrono::seconds kWriteInterval(1);
 
+constexpr std::size_t kIpHeaderBytes = 20;
+constexpr std::size_t kUdpHeaderBytes = 8;
+constexpr std::uint32_t kMaxSnapBytes = 1U << 16U;
+constexpr std::size_t kCapturedBytesAt = 8;  // in the header of a record, behind the time
+
+void PutLittle(std::uint32_t value, std::size_t bytes, std::string& to) {
+  for (std::size_t i = 0; i < bytes; ++i) to += static_cast<char>((value >> (8 * i)) & 0xffU);
+}
+
+void PutBig(std::uint32_t value, std::size_t bytes, std::string& to) {
+  for (std::size_t i = bytes; i-- > 0;) to += static_cast<char>((value >> (8 * i)) & 0xffU);
+}
+
+std::uint32_t Byte(std::string_view text, std::size_t at) {
+  return static_cast<std::uint8_t>(text[at]);
+}
+
+// RFC 1071, of an even number of bytes.
+std::uint16_t InternetChecksum(std::string_view header) {
+  std::uint32_t sum = 0;
+  for (std::size_t at = 0; at < header.size(); at += 2) {
+    sum += Byte(header, at) << 8U | Byte(header, at + 1);
+  }
+  while (sum > 0xffffU) sum = (sum & 0xffffU) + (sum >> 16U);
+  return static_cast<std::uint16_t>(~sum);
+}
+
 // Returns the number in a name that NameOf() gives; files with other names are somebody else's.
-std::optional<std::uint64_t> NumberOf(std::string_view name) {
-  const std::size_t least = kPrefix.size() + kMinDigits + kTimeShape.size();
-  if (name.size() < least || name.substr(0, kPrefix.size()) != kPrefix) return std::nullopt;
-  const std::string_view time = name.substr(name.size() - kTimeShape.size());
-  const auto has_shape = [](char c, char shape) { return shape == '0' ? IsDigit(c) : c == shape; };
-  if (!std::equal(time.begin(), time.end(), kTimeShape.begin(), has_shape)) return std::nullopt;
-  const std::string_view digits =
-      name.substr(kPrefix.size(), name.size() - kPrefix.size() - kTimeShape.size());
-  if (digits.size() > kMaxDigits) return std::nullopt;
-  return ParseNumber<std::uint64_t>(digits);
+std::optional<std::uint64_t> NumberOf(const std::string& name) {
+  static const std::regex kForm("packets_([0-9]{8,15})_[0-9]{8}T[0-9]{6}Z[.]pcap");
+  std::smatch parts;
+  if (!std::regex_match(name, parts, kForm)) return std::nullopt;
+  return ParseNumber<std::uint64_t>(parts[1].str());
 }
 
 // The time is for people: the numbers are in order whatever the clock does.
 std::string NameOf(std::uint64_t number) {
-  std::string digits = std::to_string(number);
-  digits.insert(0, kMinDigits - std::min(kMinDigits, digits.size()), '0');
   const std::time_t now = std::time(nullptr);
   std::tm utc{};
   ::gmtime_r(&now, &utc);
-  std::array<char, 32> time{};
-  std::strftime(time.data(), time.size(), "_%Y%m%dT%H%M%SZ.pcap", &utc);
-  return std::string(kPrefix) + digits + time.data();
+  std::ostringstream name;
+  name << "packets_" << std::setfill('0') << std::setw(8) << number
+       << std::put_time(&utc, "_%Y%m%dT%H%M%SZ.pcap");
+  return name.str();
 }
 
 // Returns the bytes of whole records behind the header; 0 without a header.
@@ -77,6 +96,51 @@ int OpenFolder(const std::string& directory) {
 }
 
 }  // namespace
+
+std::string CaptureHeader() {
+  std::string header;
+  PutLittle(0xa1b23c4dU, 4, header);  // nanoseconds
+  PutLittle(2, 2, header);            // version 2.4
+  PutLittle(4, 2, header);
+  PutLittle(0, 4, header);  // UTC
+  PutLittle(0, 4, header);
+  PutLittle(kMaxSnapBytes, 4, header);
+  PutLittle(101, 4, header);  // LINKTYPE_RAW
+  return header;
+}
+
+void AppendCaptureRecord(const Datagram& datagram, const LivoxEndpoint& receiver,
+                         std::string& records) {
+  constexpr std::size_t kHeaders = kIpHeaderBytes + kUdpHeaderBytes;
+  const auto received_ns = static_cast<std::uint64_t>(datagram.received_ns);
+  const auto sent_bytes = static_cast<std::uint32_t>(datagram.sent_bytes);
+  PutLittle(static_cast<std::uint32_t>(received_ns / kNsPerSecond), 4, records);
+  PutLittle(static_cast<std::uint32_t>(received_ns % kNsPerSecond), 4, records);
+  PutLittle(static_cast<std::uint32_t>(kHeaders + datagram.payload.size()), 4, records);
+  PutLittle(kHeaders + sent_bytes, 4, records);
+  const std::size_t ip_at = records.size();
+  PutBig(0x4500U, 2, records);  // version 4, 5 words
+  PutBig(kHeaders + sent_bytes, 2, records);
+  PutBig(0x4000U, 4, records);                  // no identification, do not fragment
+  PutBig(64U << 24U | 17U << 16U, 4, records);  // time to live, UDP
+  PutBig(datagram.source, 4, records);
+  PutBig(receiver.address, 4, records);
+  const std::string_view written = records;
+  const std::uint16_t checksum = InternetChecksum(written.substr(ip_at));
+  records[ip_at + 10] = static_cast<char>(checksum >> 8U);
+  records[ip_at + 11] = static_cast<char>(checksum & 0xffU);
+  PutBig(datagram.source_port, 2, records);
+  PutBig(receiver.port, 2, records);
+  PutBig(kUdpHeaderBytes + sent_bytes, 2, records);
+  PutBig(0, 2, records);  // no checksum
+  records += datagram.payload;
+}
+
+std::size_t CaptureRecordBytes(std::string_view header) {
+  std::uint32_t captured = 0;
+  for (std::size_t i = 0; i < 4; ++i) captured |= Byte(header, kCapturedBytesAt + i) << (8 * i);
+  return kCaptureRecordHeaderBytes + captured;
+}
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
     : directory_(std::move(directory)), limits_(limits), lock_(OpenFolder(directory_)) {

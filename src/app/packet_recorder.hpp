@@ -2,6 +2,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <mutex>
@@ -14,6 +15,21 @@
 #include "io/livox_receiver.hpp"
 
 namespace unlidar {
+
+// Returns the file header of a capture, in the classic format that tcpdump and Wireshark read:
+// little-endian, times in nanoseconds, raw IP (LINKTYPE_RAW).
+std::string CaptureHeader();
+
+inline constexpr std::size_t kCaptureHeaderBytes = 24;
+inline constexpr std::size_t kCaptureRecordHeaderBytes = 16;
+
+// Appends the record of a packet that came to `receiver`, with IPv4 and UDP headers made anew: one
+// that was cut off on reception has the length that it had in them.
+void AppendCaptureRecord(const Datagram& datagram, const LivoxEndpoint& receiver,
+                         std::string& records);
+
+// Returns the size of the record that begins with `header`, of kCaptureRecordHeaderBytes or more.
+std::size_t CaptureRecordBytes(std::string_view header);
 
 struct CaptureLimits {
   std::uint64_t file_bytes = 0;   // of one file,
@@ -29,8 +45,8 @@ class CaptureFiles {
   // another process records to it.
   CaptureFiles(std::string directory, CaptureLimits limits);
 
-  // Appends `records` (packet_capture.hpp). Throws OutputError where one cannot be written; those
-  // before it are, and the following calls try again.
+  // Appends `records` (AppendCaptureRecord()). Throws OutputError where one cannot be written;
+  // those before it are, and the following calls try again.
   void Write(std::string_view records);
 
   // Packets written since construction.
@@ -76,8 +92,6 @@ class PacketRecorder {
   // `files`, which must outlive it, is its own until Stop().
   PacketRecorder(CaptureFiles& files, const LivoxEndpoint& receiver);
   ~PacketRecorder() { Stop(); }
-  PacketRecorder(const PacketRecorder&) = delete;
-  PacketRecorder& operator=(const PacketRecorder&) = delete;
 
   void Add(const Datagram& datagram);
 

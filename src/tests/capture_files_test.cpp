@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "app/packet_recorder.hpp"
-#include "io/packet_capture.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 

@@ -15,7 +15,6 @@
 
 #include "api/recording_events.hpp"
 #include "app/live_output.hpp"
-#include "python/arrays.hpp"
 #include "python/named_sensors.hpp"
 #include "unlidar/error.hpp"
 
@@ -167,6 +166,27 @@ class Stream {
   std::optional<EngineState> state_;
   NamedSensors sensors_;
 };
+
+// Rows of 96 bytes: the columns of a trajectory file, with `timestamp_ns` (int64) for `timestamp`,
+// the others as float64.
+py::bytearray PackedRows(const std::vector<TrajectoryRow>& rows) {
+  std::string bytes;
+  constexpr std::size_t kRowColumns = 12;
+  bytes.reserve(rows.size() * kRowColumns * sizeof(double));
+  const auto append = [&](const auto& value) {
+    static_assert(sizeof(value) == 8);
+    bytes.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  for (const TrajectoryRow& row : rows) {
+    append(row.time_ns);
+    append(static_cast<double>(row.track_id));
+    for (const Eigen::Vector3d* vector : {&row.position_m, &row.velocity_mps, &row.sigma_m}) {
+      for (const double value : *vector) append(value);
+    }
+    append(static_cast<double>(row.support));
+  }
+  return py::bytearray(bytes);
+}
 
 // Tracks when all frames are there.
 class WholeRecording {

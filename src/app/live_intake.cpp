@@ -28,8 +28,7 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 
 LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_times,
                        const Config& config, LiveEventReporter& reporter, LiveTraceSink trace)
-    : sources_(arguments.sources),
-      config_(config),
+    : config_(config),
       reporter_(reporter),
       engine_(
           config, NamesOf(arguments.sources), output_times,
@@ -39,7 +38,9 @@ LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_tim
       skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
       why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
       pace_(Seconds(config.live.overload_s)) {
-  for (const std::string& name : NamesOf(arguments.sources)) AppendSensor(name);
+  for (const FrameSource& source : arguments.sources) {
+    AppendSensor(SourceName(source), source.directory);
+  }
 }
 
 FrameCallback LiveIntake::FrameCallbackOf(int max_returns) {
@@ -51,15 +52,17 @@ FrameCallback LiveIntake::FrameCallbackOf(int max_returns) {
   };
 }
 
-void LiveIntake::AppendSensor(const std::string& name) {
+void LiveIntake::AppendSensor(const std::string& name, const std::string& directory) {
   sensors_.emplace_back();
-  sensors_.back().name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
-  reporter_.AddSensor(sensors_.back().name);
+  LiveInput& input = summary_.inputs.emplace_back();
+  input.name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
+  input.directory = directory;
+  reporter_.AddSensor(input.name);
 }
 
 std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) const {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    if (sensors_[i].name == name) return i;
+    if (NameOf(i) == name) return i;
   }
   return std::nullopt;
 }
@@ -69,15 +72,16 @@ std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& fi
     reporter_.Note(first + ": the config has no sensors." + name + ", it stands at the origin");
   }
   engine_.AddSensor(name);
-  AppendSensor(name);
+  AppendSensor(name, "");
   return sensors_.size() - 1;
 }
 
 void LiveIntake::ReplaceSensor(std::size_t sensor, const std::string& name) {
-  reporter_.Note(name + " takes the place of " + sensors_[sensor].name + ", which is silent");
+  reporter_.Note(name + " takes the place of " + NameOf(sensor) + ", which is silent");
   engine_.ReplaceSensor(static_cast<std::uint32_t>(sensor), name);
   sensors_[sensor] = Sensor();
-  sensors_[sensor].name = name;
+  summary_.inputs[sensor] = LiveInput();
+  summary_.inputs[sensor].name = name;
   reporter_.ReplaceSensor(sensor, name);
 }
 
@@ -93,9 +97,9 @@ bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
                            engine_.newest_ns());
   }
   const bool is_kept = pace_.Keeps(sensor, waited, now);
-  reporter_.ReportPace(pace_.one_in(), overload_frames_, Progress());
+  reporter_.ReportPace(pace_.one_in(), summary_.overload_frames, Progress());
   if (is_kept) return true;
-  ++overload_frames_;
+  ++summary_.overload_frames;
   engine_.NoteSkipped(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
   return false;
 }
@@ -109,7 +113,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
   const double begin_s = ThreadCpuSeconds();
   try {
     engine_.Add({index, stamp_ns, name, std::move(cloud), arrival});
-    ++sensors_[sensor].frames;
+    ++summary_.inputs[sensor].frames;
   } catch (const UnitError&) {
     throw;  // the next would be no better
   } catch (const InputError& error) {
@@ -119,7 +123,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     num_engine_warnings_ = engine_.warnings().size();
     Warn(engine_.warnings());
   }
-  processing_times_.Add(ThreadCpuSeconds() - begin_s);
+  summary_.processing_times.Add(ThreadCpuSeconds() - begin_s);
   if (!reporter_.StateOf(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
     reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
@@ -134,15 +138,14 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
   reporter_.NoteCount(late_before, engine_.late_frames(), "frame",
                       " later than live.reorder_s and dropped, the last: " + name);
   const DroppedFrames& overflow = engine_.overflow_frames();
-  reporter_.NoteCount(
-      overflow_before, overflow.count, "frame",
-      std::string(kOverflowText) + ", the last of " + sensors_[overflow.sensor].name);
+  reporter_.NoteCount(overflow_before, overflow.count, "frame",
+                      std::string(kOverflowText) + ", the last of " + NameOf(overflow.sensor));
   const DroppedFrames& astray = engine_.astray_frames();
   if (astray.count == astray_before) return;
   std::string note = " astray and left out";
   if (astray.ahead_ns != 0) {
     const std::string seconds = SecondsText(std::abs(astray.ahead_ns));
-    note += ": the clock of " + sensors_[astray.sensor].name + " is " +
+    note += ": the clock of " + NameOf(astray.sensor) + " is " +
             seconds.substr(0, seconds.find('.')) + " s " +
             (astray.ahead_ns < 0 ? "behind" : "ahead of") + " that of the others";
   }
@@ -151,14 +154,14 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
 
 void LiveIntake::TakeBadFrame(const InputError& error) {
   if (!skips_bad_frames_) throw InputError(error);
-  ++bad_frames_;
+  const std::uint64_t before = summary_.counts.bad_frames++;
   reporter_.NoteCount(
-      bad_frames_ - 1, bad_frames_, "frame",
+      before, before + 1, "frame",
       std::string(" bad and skipped") + why_skipped_ + ", the last: " + error.what());
 }
 
 void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
-  const FollowedCounts before = std::exchange(followed_, counts);
+  const FollowedCounts before = std::exchange(summary_.followed, counts);
   const auto say = [&](std::uint64_t FollowedCounts::*count, const char* what) {
     reporter_.NoteCount(before.*count, counts.*count, "frame", what);
   };
@@ -199,8 +202,9 @@ void LiveIntake::CheckOutOfSync() {
 
 void LiveIntake::Warn(const std::vector<Warning>& warnings) {
   for (const Warning& warning : warnings) {
-    if (std::find(warnings_.begin(), warnings_.end(), warning) != warnings_.end()) continue;
-    warnings_.push_back(warning);
+    std::vector<Warning>& all = summary_.warnings;
+    if (std::find(all.begin(), all.end(), warning) != all.end()) continue;
+    all.push_back(warning);
     reporter_.Note("warning: " + warning.text);
   }
 }
@@ -214,31 +218,25 @@ void LiveIntake::Close() {
 LiveProgress LiveIntake::Progress() const {
   const InputCounts& counts = engine_.counts();
   return {engine_.newest_ns(), counts.frames,
-          bad_frames_ + counts.bad_frames + engine_.late_frames() + engine_.astray_frames().count +
-              engine_.overflow_frames().count + overload_frames_ + followed_.vanished +
-              followed_.passed_over};
+          summary_.counts.bad_frames + counts.bad_frames + engine_.late_frames() +
+              engine_.astray_frames().count + engine_.overflow_frames().count +
+              summary_.overload_frames + summary_.followed.vanished +
+              summary_.followed.passed_over};
 }
 
 LiveSummary LiveIntake::Summary() const {
-  LiveSummary summary;
+  LiveSummary summary = summary_;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    LiveInput& input = summary.inputs.emplace_back();
-    input.name = sensors_[i].name;
-    if (i < sources_.size()) input.directory = sources_[i].directory;
-    input.frames = sensors_[i].frames;
+    LiveInput& input = summary.inputs[i];
     input.state = reporter_.StateOf(i);
     input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
     input.sway_deg = engine_.SwayDeg(static_cast<std::uint32_t>(i));
   }
-  summary.warnings = warnings_;
   summary.counts = engine_.counts();
-  summary.counts.bad_frames += bad_frames_;
+  summary.counts.bad_frames += summary_.counts.bad_frames;
   summary.late_frames = engine_.late_frames();
   summary.astray_frames = engine_.astray_frames().count;
   summary.overflow_frames = engine_.overflow_frames().count;
-  summary.overload_frames = overload_frames_;
-  summary.followed = followed_;
-  summary.processing_times = processing_times_;
   return summary;
 }
 

@@ -76,21 +76,20 @@ class LiveIntake {
 
  private:
   struct Sensor {
-    std::string name;
-    std::uint64_t frames = 0;
     bool is_silent_by_clock = false;
     Clock::time_point arrived = Clock::now();    // its last frame
     std::optional<TimeNs> out_of_sync_since_ns;  // by the stamps of the others
   };
 
   FrameCallback FrameCallbackOf(int max_returns);  // empty for 0
-  void AppendSensor(const std::string& name);
+  void AppendSensor(const std::string& name, const std::string& directory);
   void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
                    std::uint64_t overflow_before, const std::string& name);
   void CheckOutOfSync();
   LiveProgress Progress() const;
 
-  const std::vector<FrameSource>& sources_;
+  const std::string& NameOf(std::size_t sensor) const { return summary_.inputs[sensor].name; }
+
   const Config& config_;
   LiveEventReporter& reporter_;
   LiveEngine engine_;
@@ -98,12 +97,8 @@ class LiveIntake {
   const char* why_skipped_;
   FramePace pace_;
   std::vector<Sensor> sensors_;
-  ProcessingTimes processing_times_;
-  std::uint64_t bad_frames_ = 0;  // without those counted by the engine
-  std::uint64_t overload_frames_ = 0;
-  FollowedCounts followed_;
-  std::vector<Warning> warnings_;        // all,
-  std::size_t num_engine_warnings_ = 0;  // of which from the engine
+  LiveSummary summary_;                  // without what the engine counts
+  std::size_t num_engine_warnings_ = 0;  // of all
 };
 
 }  // namespace unlidar

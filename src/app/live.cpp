@@ -128,7 +128,7 @@ class LiveRun {
     service_.SendHeartbeat();
     std::vector<pollfd> fds = {{source_->fd(), POLLIN, 0}};
     for (const int reader : output_.reader_fds()) fds.push_back({reader, 0, 0});
-    if (trace_ && trace_->reader_fd() >= 0) fds.push_back({trace_->reader_fd(), 0, 0});
+    if (trace_) fds.push_back({trace_->reader_fd(), 0, 0});
     fds = signals_.Wait(fds, source_->is_idle() ? kPollInterval : std::chrono::milliseconds(0));
     if (std::any_of(fds.begin() + 1, fds.end(), [](const pollfd& f) { return f.revents != 0; })) {
       throw OutputError("the reader of an output has left");

@@ -144,7 +144,7 @@ class LiveOutput {
   void Reopen();
   void Close();
 
-  // Descriptors to wait on: one is ready when its reader has left.
+  // Descriptors to wait on: one is ready when its reader has left. -1: none.
   std::vector<int> reader_fds() const;
 
   // Tracks of this run, in order of their numbers.

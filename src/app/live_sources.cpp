@@ -10,7 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "app/packet_recorder.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "io/arrival.hpp"

@@ -62,8 +62,6 @@ class FrameReader {
   // `config` must outlive it.
   FrameReader(const std::vector<FrameSource>& sources, const Config& config);
   ~FrameReader();
-  FrameReader(const FrameReader&) = delete;
-  FrameReader& operator=(const FrameReader&) = delete;
 
   // Stamps have the time offsets of the sensors applied.
   TimeNs first_stamp_ns() const { return first_stamp_ns_; }

@@ -1,7 +1,5 @@
 #include "io/livox_lidars.hpp"
 
-#include <arpa/inet.h>
-
 #include <algorithm>
 #include <string_view>
 #include <utility>

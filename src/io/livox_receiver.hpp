@@ -48,8 +48,6 @@ class LivoxReceiver {
   // Throws InputError if the address is not of this computer or the port is in use.
   explicit LivoxReceiver(LivoxEndpoint endpoint);
   ~LivoxReceiver() { Stop(); }
-  LivoxReceiver(const LivoxReceiver&) = delete;
-  LivoxReceiver& operator=(const LivoxReceiver&) = delete;
 
   // Readable while packets are queued.
   int fd() const { return waiting_.get(); }

@@ -8,8 +8,6 @@
 
 #include "base/algorithms.hpp"
 #include "base/format.hpp"
-#include "io/frame_directory.hpp"
-#include "io/point_times.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

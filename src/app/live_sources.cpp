@@ -16,7 +16,6 @@
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/input_limits.hpp"
-#include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/error.hpp"

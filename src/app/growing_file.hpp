@@ -17,8 +17,7 @@ namespace unlidar {
 // Flush() is one write of whole lines. A pipe or a device is written as its reader takes it.
 //
 // Where the disk is full, lines wait in memory and the file stays as it is, without a torn line;
-// the next Flush() tries again. Of more than kMaxWaitingBytes the oldest lines are lost and
-// counted.
+// the next Flush() tries again. Beyond kMaxWaitingBytes the oldest lines are lost and counted.
 //
 // Throws OutputError for a file that is not its own (another first line, another process that
 // writes it) and for each error but a full disk.
@@ -61,10 +60,9 @@ class GrowingFile {
   bool WriteRegular();
   void WriteSpecial();
   void DropOldest();
-  [[noreturn]] void Fail(const std::string& reason) const;
-  [[noreturn]] void FailWithErrno() const;
 
   std::string path_;
+  std::string name_;  // for messages
   Format format_;
   Signals& signals_;
   NoteCallback note_;
@@ -77,8 +75,7 @@ class GrowingFile {
 };
 
 // A file that its reader follows as it grows. Before it exceeds kMaxBytes a new one takes its
-// place; nothing else is kept. Lines that cannot be written are lost, which is noted once until it
-// goes well again.
+// place. Lines that cannot be written are lost, which is noted once until it goes well again.
 class NewestLines {
  public:
   static constexpr std::size_t kMaxBytes = std::size_t{1} << 20;

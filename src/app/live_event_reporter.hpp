@@ -23,7 +23,6 @@ inline bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
   return (before ^ count) > before;  // a higher bit is set
 }
 
-// Progress of a run.
 struct LiveProgress {
   TimeNs newest_ns = 0;  // stamp
   std::uint64_t frames = 0;
@@ -37,7 +36,6 @@ class LiveEventReporter {
   LiveEventReporter(LiveOutput& output, const ServiceNotifier& service, const NoteCallback& note)
       : output_(output), service_(service), note_(note) {}
 
-  // A line for the user.
   void Note(const std::string& text) const { note_(text); }
 
   // The same with the count of incidents before it, if that is worth a note.
@@ -56,7 +54,6 @@ class LiveEventReporter {
   // Further events of this index belong to another sensor.
   void ReplaceSensor(std::size_t index, const std::string& name) { sensors_[index] = {name}; }
 
-  // An event of the engine.
   void Take(const EngineEvent& event, const LiveProgress& now);
 
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
@@ -75,8 +72,7 @@ class LiveEventReporter {
 
   void ReportState(const LiveProgress& now);
 
-  // Repeats the state periodically while frames are processed, to distinguish an empty sky from a
-  // stopped engine.
+  // Repeats the state while frames are processed: tells an empty sky from a stopped engine.
   void SendHeartbeat(const LiveProgress& now);
 
   // State as last reported.

@@ -12,11 +12,6 @@
 namespace unlidar {
 namespace {
 
-FramePace::Clock::duration Seconds(double seconds) {
-  return std::chrono::duration_cast<FramePace::Clock::duration>(
-      std::chrono::duration<double>(seconds));
-}
-
 std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
   std::vector<std::string> names;
   names.reserve(sources.size());
@@ -37,7 +32,7 @@ LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_tim
           !arguments.livox.empty(), std::move(trace), FrameCallbackOf(arguments.event_returns)),
       skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
       why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
-      pace_(Seconds(config.live.overload_s)) {
+      pace_(std::chrono::nanoseconds(NsOf(config.live.overload_s))) {
   for (const FrameSource& source : arguments.sources) {
     AppendSensor(SourceName(source), source.directory);
   }
@@ -173,7 +168,7 @@ void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
 void LiveIntake::CheckSilence() {
   const Clock::time_point now = Clock::now();
   const auto is_quiet = [&](const Sensor& sensor) {
-    return now - sensor.arrived > Seconds(config_.live.silent_s);
+    return now - sensor.arrived > std::chrono::nanoseconds(NsOf(config_.live.silent_s));
   };
   if (!std::all_of(sensors_.begin(), sensors_.end(), is_quiet)) return;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {

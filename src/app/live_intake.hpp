@@ -19,8 +19,7 @@
 
 namespace unlidar {
 
-// Counts the fate of each frame, skips frames under overload, and detects silence by the wall
-// clock.
+// Counts the fate of each frame, skips frames under overload, detects silence by the wall clock.
 class LiveIntake {
  public:
   using Clock = FramePace::Clock;

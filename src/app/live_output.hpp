@@ -21,7 +21,6 @@ namespace unlidar {
 
 enum class LiveState { kWarmingUp, kRunning, kOverloaded };
 
-// Name used in events.
 const char* LiveStateName(LiveState state);
 
 const char* SensorStateName(SensorState state);
@@ -124,8 +123,7 @@ class LiveOutput {
     returns_.emplace(path, note);
   }
 
-  // Written to both files by the next Flush(), a track with its first row; `at_ns` is the newest
-  // accepted stamp.
+  // Written to both files by the next Flush(), a track with its first row. `at_ns`: newest stamp.
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
@@ -150,7 +148,6 @@ class LiveOutput {
   // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
-  // Tracks that have not ended.
   std::vector<CurrentTrack> CurrentTracks() const;
 
   const OutputCounts& counts() const { return counts_; }

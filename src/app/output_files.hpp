@@ -19,7 +19,6 @@ struct OutputFile {
   ContentWriter write;
 };
 
-// Returns a writer of these bytes.
 ContentWriter Content(std::string bytes);
 
 // The path with symbolic links (also those to nothing) and `.` and `..` resolved: what a write to

@@ -52,7 +52,6 @@ class CaptureFiles {
   // Packets written since construction.
   std::uint64_t packets() const { return packets_; }
 
-  // Size of all files that are there.
   std::uint64_t total_bytes() const { return total_bytes_; }
 
  private:

@@ -28,8 +28,7 @@ class TraceOutput {
 
   void Add(const Recording& recording, const SearchTrace& trace);
 
-  // Writes the trace, to be called when all is added. Throws OutputError where it cannot be read
-  // back.
+  // Writes the trace, once all is added. Throws OutputError where it cannot be read back.
   void Write(const Sink& sink) const;
 
  private:

@@ -50,7 +50,6 @@ class FramePace {
     return seen_[sensor]++ % one_in_ == 0;
   }
 
-  // One frame in one_in() is kept.
   std::uint64_t one_in() const { return one_in_; }
 
  private:

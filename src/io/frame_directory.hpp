@@ -36,7 +36,6 @@ std::optional<TimeNs> StampInRange(std::string_view text);
 // True for names that a shell's *.pcd matches: no hidden files.
 bool IsFrameName(const std::string& name);
 
-// Returns the name of a frame without its suffix.
 std::string_view StemOf(std::string_view name);
 
 // 3 March 1973: names that would be earlier Unix times are numbers.
@@ -63,9 +62,8 @@ double FrameRateHz(const Config& config, const std::string& name);
 //
 // since a LiDAR takes 20 ms to 2 s for a frame. Other differences are rejected.
 //
-// In a stream only the first name is known when it must be read: numbers are assumed to be frame
-// numbers, and rejected if the next one differs by 20 or more. 0 is 0 in any reading and settles
-// nothing.
+// In a stream only the first name is known when it must be read: numbers are taken for frame
+// numbers, and rejected if the next differs by 20 or more. 0 is 0 in any reading: settles nothing.
 class FrameClock {
  public:
   // `source`: name of the sensor or its folder in messages. `rate_hz`: 0 if none is configured.
@@ -89,7 +87,6 @@ class FrameClock {
 
   // Warning that a rate was assumed, or that the configured one is not used.
   const std::optional<Warning>& warning() const { return warning_; }
-  // Returns it only once.
   std::optional<Warning> TakeWarning() { return std::exchange(warning_, std::nullopt); }
 
  private:

@@ -25,13 +25,11 @@ class PowerOnClock {
   PowerOnClock(TimeNs zero_ns, const Arrival& arrival)
       : zero_ns_(zero_ns), before_ns_(zero_ns), host_ns_(arrival.unix_ns - arrival.steady_ns) {}
 
-  // Returns the offset to add to a stamp.
   TimeNs OffsetOf(TimeNs stamp_ns) const {
     return stamp_ns < turned_at_ns_ ? before_ns_ : zero_ns_;
   }
 
-  // Slews, from the next frame on, towards `lag_ns`, the lead of this computer's clock over the
-  // stamps.
+  // Slews, from the next frame on, towards `lag_ns`: this computer's clock less the stamps.
   void Follow(TimeNs lag_ns, TimeNs next_frame_ns, TimeNs frame_ns);
 
   // True if this computer's clock was set, so that it no longer agrees with the sensor's time.
@@ -89,7 +87,6 @@ class LivoxTime {
   std::size_t astray_in_a_row_ = 0;
 };
 
-// Time synchronisation of a sensor.
 enum class SyncState { kSynchronised, kLost, kUnsynchronised };  // kUnsynchronised: never was
 
 const char* SyncStateName(SyncState state);
@@ -155,7 +152,6 @@ class LivoxFrameCutter {
   const LivoxCounts& counts() const { return counts_; }
   const LivoxSync& sync() const { return sync_; }
 
-  // Memory of the unfinished frames in bytes.
   std::size_t unfinished_bytes() const { return unfinished_bytes_; }
 
   // Drops the unfinished frames for lack of memory; counts their packets as excess.

@@ -22,8 +22,7 @@ using RawTime = std::variant<std::int64_t, double>;
 
 RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row);
 
-// Returns the time of a point in a given reading; empty if the value is not finite or the time is
-// beyond kMaxStampNs.
+// Returns the time of a point in a given reading; empty if not finite or beyond kMaxStampNs.
 std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs stamp_ns);
 
 // Vote of the returns of a sensor on the reading of their times.

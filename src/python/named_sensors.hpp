@@ -38,7 +38,6 @@ class NamedSensors {
   // Frames that came and were not used.
   std::uint64_t num_dropped() const;
 
-  // Warnings since the last call.
   std::vector<std::string> TakeNotes();
 
  private:

@@ -10,7 +10,6 @@
 #include <optional>
 #include <utility>
 
-#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
@@ -67,7 +66,6 @@ class LiveRun {
         captures_(captures),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
-        note_(note),
         trace_(arguments.trace.empty()
                    ? nullptr
                    : std::make_unique<LiveTraceOutput>(arguments.trace, signals_, note)),
@@ -171,7 +169,7 @@ class LiveRun {
       WriteFiles(files);
       has_status_failed_ = false;
     } catch (const OutputError& error) {
-      if (!std::exchange(has_status_failed_, true)) note_(error.what());
+      if (!std::exchange(has_status_failed_, true)) reporter_.Note(error.what());
     }
   }
 
@@ -182,7 +180,6 @@ class LiveRun {
   ServiceNotifier service_;
   LiveOutput output_;
   LiveEventReporter reporter_;
-  const NoteCallback& note_;
   std::unique_ptr<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;

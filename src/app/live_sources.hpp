@@ -5,7 +5,6 @@
 #include <optional>
 
 #include "app/arguments.hpp"
-#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/packet_recorder.hpp"
 #include "app/summary.hpp"

@@ -4,11 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <utility>
 
-#include "app/live_event_reporter.hpp"
 #include "app/output.hpp"
 #include "base/format.hpp"
 #include "io/frames.hpp"
@@ -192,8 +190,8 @@ NamedSensors::NamedSensors(const std::string& config_path,
       engine_(config_, {}, std::move(on_event), OutputTimesOf(nanohertz)) {}
 
 std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
-  const auto known = index_of_.find(sensor);
-  if (known != index_of_.end()) return known->second;
+  const auto known = std::find(names_.begin(), names_.end(), sensor);
+  if (known != names_.end()) return static_cast<std::uint32_t>(known - names_.begin());
   if (!IsSensorName(sensor)) {
     throw UsageError("sensor: " + Quoted(sensor) + ", " + kExpectedSensorName);
   }
@@ -204,9 +202,10 @@ std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
   if (!config_.sensors.empty() && config_.sensors.count(sensor) == 0) {
     notes_.push_back("the config has no sensors." + sensor + ", it stands at the origin");
   }
+  const std::uint32_t index = engine_.AddSensor(sensor);
   names_.push_back(sensor);
   paces_.emplace_back();
-  return index_of_[sensor] = engine_.AddSensor(sensor);
+  return index;
 }
 
 void NamedSensors::NoteCount(std::uint64_t count, const std::string& text, std::uint64_t* noted) {
@@ -218,9 +217,8 @@ void NamedSensors::NoteCount(std::uint64_t count, const std::string& text, std::
 void NamedSensors::NotePace(std::uint32_t sensor, TimeNs stamp_ns) {
   Pace& pace = paces_[sensor];
   if (pace.frames == kPaceFrames) return;
-  const bool is_first = pace.frames == 0;
-  pace.first_ns = is_first ? stamp_ns : std::min(pace.first_ns, stamp_ns);
-  pace.last_ns = is_first ? stamp_ns : std::max(pace.last_ns, stamp_ns);
+  pace.first_ns = std::min(pace.first_ns, stamp_ns);
+  pace.last_ns = std::max(pace.last_ns, stamp_ns);
   if (++pace.frames < kPaceFrames) return;
   const TimeNs span_ns = pace.last_ns - pace.first_ns;
   if (span_ns >= kPaceFrames * kShortestPeriodNs) return;

@@ -6,7 +6,7 @@
 #include <pybind11/pybind11.h>
 
 #include <cstdint>
-#include <map>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -43,8 +43,8 @@ class NamedSensors {
  private:
   // The span of a sensor's first stamps.
   struct Pace {
-    TimeNs first_ns = 0;
-    TimeNs last_ns = 0;
+    TimeNs first_ns = std::numeric_limits<TimeNs>::max();
+    TimeNs last_ns = std::numeric_limits<TimeNs>::min();
     int frames = 0;
   };
 
@@ -56,7 +56,6 @@ class NamedSensors {
 
   Config config_;
   std::vector<std::string> names_;
-  std::map<std::string, std::uint32_t> index_of_;
   std::vector<Pace> paces_;
   std::vector<std::string> notes_;
   std::size_t num_warnings_ = 0;

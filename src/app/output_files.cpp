@@ -68,8 +68,6 @@ std::string RandomPathBeside(const std::string& path) {
   FailToWrite(path, std::strerror(error));
 }
 
-[[noreturn]] void FailWithErrno(const std::string& path) { FailWith(errno, path); }
-
 // Hands everything over in blocks.
 void WriteContent(int fd, const OutputFile& file) {
   std::string block;
@@ -84,9 +82,9 @@ void WriteContent(int fd, const OutputFile& file) {
 
 void WriteInPlace(const OutputFile& file) {
   Descriptor target(Uninterrupted([&] { return ::open(file.path.c_str(), O_WRONLY | O_CLOEXEC); }));
-  if (!target.is_open()) FailWithErrno(file.path);
+  if (!target.is_open()) FailWith(errno, file.path);
   WriteContent(target.get(), file);
-  if (!target.Close()) FailWithErrno(file.path);
+  if (!target.Close()) FailWith(errno, file.path);
 }
 
 // Returns the status behind links; none if nothing is there. Throws on any other error: a device
@@ -94,7 +92,7 @@ void WriteInPlace(const OutputFile& file) {
 std::optional<struct stat> Status(const std::string& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) == 0) return status;
-  if (errno != ENOENT) FailWithErrno(path);
+  if (errno != ENOENT) FailWith(errno, path);
   return std::nullopt;
 }
 
@@ -137,11 +135,11 @@ class TemporaryFile {
     WriteContent(fd_.get(), file);
     // A power cut after the rename must not leave an empty file in the old one's place.
     const int synced = Uninterrupted([&] { return ::fsync(fd_.get()); });
-    if ((synced != 0 && errno != EINVAL) || !fd_.Close()) FailWithErrno(path_);
+    if ((synced != 0 && errno != EINVAL) || !fd_.Close()) FailWith(errno, path_);
   }
 
   void Commit() {
-    if (std::rename(temporary_.c_str(), target_.c_str()) != 0) FailWithErrno(path_);
+    if (std::rename(temporary_.c_str(), target_.c_str()) != 0) FailWith(errno, path_);
   }
 
  private:
@@ -149,7 +147,7 @@ class TemporaryFile {
     const mode_t mode = old_ ? S_IRUSR | S_IWUSR : 0666;  // the umask takes from the latter
     const int fd = Uninterrupted(
         [&] { return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode); });
-    if (fd < 0) FailWithErrno(path_);
+    if (fd < 0) FailWith(errno, path_);
     return fd;
   }
 
@@ -160,7 +158,7 @@ class TemporaryFile {
     const bool has_group = ::fchown(fd_.get(), old_->st_uid, old_->st_gid) == 0 ||
                            ::fchown(fd_.get(), kNoChange, old_->st_gid) == 0;
     if (!has_group) mode = (mode & ~kGroupRights) | (mode & (mode << 3) & kGroupRights);
-    if (::fchmod(fd_.get(), mode) != 0) FailWithErrno(path_);
+    if (::fchmod(fd_.get(), mode) != 0) FailWith(errno, path_);
   }
 
   std::string path_;
@@ -217,7 +215,7 @@ void CheckWritable(const std::string& path) {
     FailToWrite(path, "it names a directory, expected a file");
   }
   if (IsSpecialFile(path)) {
-    if (::access(path.c_str(), W_OK) != 0) FailWithErrno(path);
+    if (::access(path.c_str(), W_OK) != 0) FailWith(errno, path);
     return;
   }
   std::error_code error;

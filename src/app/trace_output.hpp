@@ -54,9 +54,6 @@ class LiveTraceOutput {
   int reader_fd() const { return file_.reader_fd(); }
 
  private:
-  void Add(const TracedFrame& traced);
-  void Add(const TracedPath& traced);
-  void Add(const TracedTrack& traced);
   void AddHeader();
 
   GrowingFile file_;

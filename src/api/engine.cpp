@@ -20,15 +20,15 @@ namespace unlidar {
 namespace {
 
 // Output times as the stages expect them.
-struct Checked {
-  OutputTimes operator()(FirstSensorStamps stamps) const { return stamps; }
-  OutputTimes operator()(Rate rate) const {
-    if (IsRate(rate)) return rate;
-    throw UsageError("rate: " + std::to_string(rate.nanohertz) +
+OutputTimes Checked(const OutputTimes& times) {
+  const auto* const rate = std::get_if<Rate>(&times);
+  if (rate != nullptr && !IsRate(*rate)) {
+    throw UsageError("rate: " + std::to_string(rate->nanohertz) +
                      " nHz, expected above 0 to 1e15 (1 MHz)");
   }
-  OutputTimes operator()(std::vector<TimeNs> list) const { return SortedUnique(std::move(list)); }
-};
+  const auto* const list = std::get_if<std::vector<TimeNs>>(&times);
+  return list != nullptr ? SortedUnique(*list) : times;
+}
 
 }  // namespace
 
@@ -60,8 +60,8 @@ Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
   for (const std::string& name : sensors) sensors_.push_back(Shortened(name));
   CheckConfig(config);
   CheckLive(config);
-  live_ = std::make_unique<LiveEngine>(config, sensors, std::visit(Checked(), output_times),
-                                       std::move(on_event), EmitTracksOf, TimeReading::kOffset);
+  live_ = std::make_unique<LiveEngine>(config, sensors, Checked(output_times), std::move(on_event),
+                                       EmitTracksOf, TimeReading::kOffset);
 }
 
 Engine::~Engine() = default;

@@ -177,42 +177,43 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
       ->excludes(quiet);
 }
 
+// Throws if the option is given.
+void Refuse(const char* option, const std::string& value, const std::string& problem) {
+  if (!value.empty()) throw UsageError(option + (" " + value) + ": " + problem);
+}
+
 void CheckRecording(const Arguments& arguments) {
   if (arguments.record_packets.empty()) return;
   if (arguments.livox.empty()) {
-    throw UsageError("--record-packets " + arguments.record_packets +
-                     ": expected with --livox only");
+    Refuse("--record-packets", arguments.record_packets, "expected with --livox only");
   }
-  const auto refuse = [](const char* option, std::uint64_t bytes, std::uint64_t least,
-                         std::uint64_t most) {
+  const auto check = [](const char* option, std::uint64_t bytes, std::uint64_t least,
+                        std::uint64_t most) {
     if (bytes >= least && bytes <= most) return;
-    throw UsageError(option + (" " + std::to_string(bytes)) + ": expected " +
-                     std::to_string(least) + " to " + std::to_string(most) + " bytes");
+    Refuse(option, std::to_string(bytes),
+           "expected " + std::to_string(least) + " to " + std::to_string(most) + " bytes");
   };
-  refuse("--record-packets-bytes", arguments.record_packets_bytes, 2 * kMinCaptureBytes,
-         kMaxCapturesBytes);
-  refuse("--record-packets-file-bytes", arguments.capture_file_bytes(), kMinCaptureBytes,
-         arguments.record_packets_bytes / 2);
+  check("--record-packets-bytes", arguments.record_packets_bytes, 2 * kMinCaptureBytes,
+        kMaxCapturesBytes);
+  check("--record-packets-file-bytes", arguments.capture_file_bytes(), kMinCaptureBytes,
+        arguments.record_packets_bytes / 2);
 }
 
 // Checks the combination of options: a recording or a live source.
 void CheckMode(const Arguments& arguments, const std::vector<std::string>& frames) {
   if (!(arguments.only_drones >= 0.0 && arguments.only_drones <= 1.0)) {  // NaN, too
-    throw UsageError("--only-drones " + ShortestText(arguments.only_drones) +
-                     ": expected a probability from 0 to 1");
+    Refuse("--only-drones", ShortestText(arguments.only_drones),
+           "expected a probability from 0 to 1");
   }
   if (frames.empty() && !arguments.has_no_folders()) {
     throw UsageError("--frames is required (--help lists all options)");
   }
   CheckRecording(arguments);
   if (!arguments.is_live()) {
-    for (const auto& [option, value] : {std::pair{"--events", &arguments.events},
-                                        {"--state", &arguments.state},
-                                        {"--metrics", &arguments.metrics}}) {
-      if (value->empty()) continue;
-      throw UsageError(option + (" " + *value) +
-                       ": expected with --follow, --stdin or --livox only");
-    }
+    constexpr const char* kExpectedMode = "expected with --follow, --stdin or --livox only";
+    Refuse("--events", arguments.events, kExpectedMode);
+    Refuse("--state", arguments.state, kExpectedMode);
+    Refuse("--metrics", arguments.metrics, kExpectedMode);
     return;
   }
   const std::string mode = arguments.follow       ? "--follow"
@@ -222,20 +223,18 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
     throw UsageError("--frames " + frames.front() + ": expected none with " + mode +
                      ", whose frames name their sensor");
   }
-  const auto refuse = [&](const char* option, const std::string& value, const char* reason) {
-    if (!value.empty())
-      throw UsageError(option + (" " + value) + ": not with " + mode + ", " + reason);
-  };
-  refuse("--at", arguments.at, "expected --rate or the stamps of the first LiDAR");
-  refuse("--clusters", arguments.clusters, "which never has the whole recording");
-  refuse("--points", arguments.points, "which never has the whole recording");
+  const std::string not_with = "not with " + mode + ", ";
+  Refuse("--at", arguments.at, not_with + "expected --rate or the stamps of the first LiDAR");
+  Refuse("--clusters", arguments.clusters, not_with + "which never has the whole recording");
+  Refuse("--points", arguments.points, not_with + "which never has the whole recording");
   for (const auto& [option, value] : {std::pair{"--trace", &arguments.trace},
                                       {"--state", &arguments.state},
                                       {"--metrics", &arguments.metrics}}) {
-    if (*value == "-") refuse(option, *value, "expected a file");
+    if (*value == "-") Refuse(option, *value, not_with + "expected a file");
   }
   if (arguments.format != "csv") {
-    refuse("--format", arguments.format, "expected csv, which holds any number of tracks");
+    Refuse("--format", arguments.format,
+           not_with + "expected csv, which holds any number of tracks");
   }
 }
 

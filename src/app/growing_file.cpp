@@ -9,10 +9,12 @@
 #include <array>
 #include <cerrno>
 #include <climits>
+#include <cstdio>
 #include <cstring>
 #include <utility>
 
 #include "base/format.hpp"
+#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
@@ -32,6 +34,7 @@ ssize_t WriteOnce(int fd, std::string_view bytes) {
 GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, NoteCallback note,
                          LineCallback on_line)
     : path_(std::move(path)),
+      name_(path_ == "-" ? "stdout" : path_),
       format_(std::move(format)),
       signals_(signals),
       note_(std::move(note)),
@@ -40,7 +43,7 @@ GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, Note
   if (!is_regular_) {
     WriteSpecial();
   } else if (!WriteRegular()) {
-    Fail(std::strerror(ENOSPC));
+    FailToWrite(name_, std::strerror(ENOSPC));
   }
 }
 
@@ -74,16 +77,16 @@ void GrowingFile::Close() {
   Flush();
   if (is_full_) {
     const auto lines = std::count(waiting_.begin(), waiting_.end(), '\n');
-    Fail(std::string(std::strerror(ENOSPC)) +
-         ", lost: " + Count(lost_lines_ + static_cast<std::uint64_t>(lines), "line"));
+    FailToWrite(name_, std::string(std::strerror(ENOSPC)) + ", lost: " +
+                           Count(lost_lines_ + static_cast<std::uint64_t>(lines), "line"));
   }
 }
 
 void GrowingFile::Open() {
   fd_ = Descriptor(OpenPath());
   struct stat status {};
-  if (::fstat(fd_.get(), &status) != 0) FailWithErrno();
-  if (S_ISDIR(status.st_mode)) Fail("it is a directory, expected a file");
+  if (::fstat(fd_.get(), &status) != 0) FailToWrite(name_);
+  if (S_ISDIR(status.st_mode)) FailToWrite(name_, "it is a directory, expected a file");
   // stdout belongs to the caller: it is only written to, even if it is a file.
   is_regular_ = S_ISREG(status.st_mode) && path_ != "-";
   if (!is_regular_) {
@@ -91,7 +94,7 @@ void GrowingFile::Open() {
     return;
   }
   if (::flock(fd_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-    Fail("another process is writing it, expected a file of its own");
+    FailToWrite(name_, "another process is writing it, expected a file of its own");
   }
   ReadLines();
 }
@@ -99,12 +102,12 @@ void GrowingFile::Open() {
 int GrowingFile::OpenPath() const {
   if (path_ == "-") {
     const int fd = ::fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0);
-    if (fd < 0) FailWithErrno();
+    if (fd < 0) FailToWrite(name_);
     return fd;
   }
   if (IsSpecialFile(path_)) return OpenPipe();
   const int fd = ::open(path_.c_str(), O_RDWR | O_APPEND | O_CREAT | O_CLOEXEC, 0666);
-  if (fd < 0) FailWithErrno();
+  if (fd < 0) FailToWrite(name_);
   return fd;
 }
 
@@ -116,8 +119,8 @@ int GrowingFile::OpenPipe() const {
       ::fcntl(fd, F_SETFL, ::fcntl(fd, F_GETFL) & ~O_NONBLOCK);
       return fd;
     }
-    if (errno != ENXIO) FailWithErrno();
-    if (signals_.ShouldEnd()) Fail("it has no reader");
+    if (errno != ENXIO) FailToWrite(name_);
+    if (signals_.ShouldEnd()) FailToWrite(name_, "it has no reader");
     signals_.Wait({}, kReaderPollInterval);
   }
 }
@@ -132,13 +135,13 @@ void GrowingFile::ReadLines() {
     const off_t at = whole + static_cast<off_t>(line.size());
     const ssize_t got =
         Uninterrupted([&] { return ::pread(fd_.get(), block.data(), block.size(), at); });
-    if (got < 0) FailWithErrno();
+    if (got < 0) FailToWrite(name_);
     if (got == 0) break;
     std::string_view rest(block.data(), static_cast<std::size_t>(got));
     const std::string_view first = rest.substr(0, format_.first_text.size());
     if (whole == 0 && line.empty() && first != format_.first_text.substr(0, first.size())) {
-      Fail("it holds something else, expected a new file or one that begins with '" +
-           format_.first_text.substr(0, format_.first_text.find('\n')) + "'");
+      FailToWrite(name_, "it holds something else, expected a new file or one that begins with '" +
+                             format_.first_text.substr(0, format_.first_text.find('\n')) + "'");
     }
     for (std::size_t end = rest.find('\n'); end != std::string_view::npos; end = rest.find('\n')) {
       line.append(rest.substr(0, end + 1));
@@ -151,17 +154,18 @@ void GrowingFile::ReadLines() {
       line.clear();
     }
     line.append(rest);
-    if (line.size() > format_.max_line_bytes) Fail("it has a line that is none of this output");
+    if (line.size() > format_.max_line_bytes)
+      FailToWrite(name_, "it has a line that is none of this output");
   }
   if (line.empty()) return;
   note_(path_ + ": its last line was not finished and is cut off");
-  if (::ftruncate(fd_.get(), whole) != 0) FailWithErrno();
+  if (::ftruncate(fd_.get(), whole) != 0) FailToWrite(name_);
 }
 
 // False if the disk is full: then the file is as it was.
 bool GrowingFile::WriteRegular() {
   struct stat status {};
-  if (::fstat(fd_.get(), &status) != 0) FailWithErrno();
+  if (::fstat(fd_.get(), &status) != 0) FailToWrite(name_);
   // A file may have been emptied meanwhile.
   const std::string text = (status.st_size == 0 ? format_.header : "") + waiting_;
   std::string_view rest = text;
@@ -169,8 +173,9 @@ bool GrowingFile::WriteRegular() {
     const ssize_t written = WriteOnce(fd_.get(), rest);
     if (written < 0) {
       const int error = errno;
-      if (rest.size() < text.size() && ::ftruncate(fd_.get(), status.st_size) != 0) FailWithErrno();
-      if (error != ENOSPC && error != EDQUOT) Fail(std::strerror(error));
+      if (rest.size() < text.size() && ::ftruncate(fd_.get(), status.st_size) != 0)
+        FailToWrite(name_);
+      if (error != ENOSPC && error != EDQUOT) FailToWrite(name_, std::strerror(error));
       return false;
     }
     rest.remove_prefix(static_cast<std::size_t>(written));
@@ -188,12 +193,12 @@ void GrowingFile::WriteSpecial() {
     const auto ready =
         signals_.Wait({{fd_.get(), POLLOUT, 0}}, ends ? kReaderTimeout : milliseconds(-1));
     if (ready.front().revents == 0) {
-      if (ends) Fail("its reader takes nothing");
+      if (ends) FailToWrite(name_, "its reader takes nothing");
       continue;
     }
     const ssize_t written = WriteOnce(fd_.get(), rest.substr(0, PIPE_BUF));
     if (written < 0 && errno == EAGAIN) continue;
-    if (written < 0) FailWithErrno();
+    if (written < 0) FailToWrite(name_);
     rest.remove_prefix(static_cast<std::size_t>(written));
   }
   waiting_.clear();
@@ -207,10 +212,32 @@ void GrowingFile::DropOldest() {
   waiting_.erase(waiting_.begin(), kept);
 }
 
-void GrowingFile::Fail(const std::string& reason) const {
-  FailToWrite(path_ == "-" ? "stdout" : path_, reason);
+NewestLines::NewestLines(const std::string& path, NoteCallback note)
+    : path_(ResolvedPath(path)), note_(std::move(note)) {
+  BeginAnew();
 }
 
-void GrowingFile::FailWithErrno() const { Fail(std::strerror(errno)); }
+void NewestLines::Append(std::string_view line) {
+  try {
+    if (!file_.is_open() || bytes_ + line.size() > kMaxBytes) BeginAnew();
+    bytes_ += line.size();
+    WriteAll(file_.get(), line, path_);
+    has_failed_ = false;
+  } catch (const OutputError& error) {
+    file_.Close();  // its last line may be torn
+    if (!std::exchange(has_failed_, true)) note_(error.what());
+  }
+}
+
+void NewestLines::BeginAnew() {
+  const TemporaryPath temporary(path_);
+  Descriptor file(Uninterrupted(
+      [&] { return ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); }));
+  if (!file.is_open() || std::rename(temporary.c_str(), path_.c_str()) != 0) {
+    FailToWrite(path_);
+  }
+  file_ = std::move(file);
+  bytes_ = 0;
+}
 
 }  // namespace unlidar

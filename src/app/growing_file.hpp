@@ -1,4 +1,4 @@
-// An output that grows line by line for weeks.
+// Outputs that grow line by line for weeks.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "app/output_files.hpp"
-#include "app/signals.hpp"
+#include "app/service.hpp"
 #include "io/descriptor.hpp"
 
 namespace unlidar {
@@ -17,8 +17,7 @@ namespace unlidar {
 // Flush() is one write of whole lines. A pipe or a device is written as its reader takes it.
 //
 // Where the disk is full, lines wait in memory and the file stays as it is, without a torn line;
-// the next Flush() tries again. Of more than kMaxWaitingBytes the oldest lines are lost and
-// counted.
+// the next Flush() tries again. Beyond kMaxWaitingBytes the oldest lines are lost and counted.
 //
 // Throws OutputError for a file that is not its own (another first line, another process that
 // writes it) and for each error but a full disk.
@@ -61,10 +60,9 @@ class GrowingFile {
   bool WriteRegular();
   void WriteSpecial();
   void DropOldest();
-  [[noreturn]] void Fail(const std::string& reason) const;
-  [[noreturn]] void FailWithErrno() const;
 
   std::string path_;
+  std::string name_;  // for messages
   Format format_;
   Signals& signals_;
   NoteCallback note_;
@@ -74,6 +72,28 @@ class GrowingFile {
   bool is_full_ = false;  // the disk
   std::string waiting_;
   std::uint64_t lost_lines_ = 0;
+};
+
+// A file that its reader follows as it grows. Before it exceeds kMaxBytes a new one takes its
+// place. Lines that cannot be written are lost, which is noted once until it goes well again.
+class NewestLines {
+ public:
+  static constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
+
+  // Throws OutputError if the file cannot be made.
+  NewestLines(const std::string& path, NoteCallback note);
+
+  // Writes a line, given with its newline.
+  void Append(std::string_view line);
+
+ private:
+  void BeginAnew();
+
+  std::string path_;  // without links, which would be replaced
+  NoteCallback note_;
+  Descriptor file_;  // closed where the last write failed
+  std::size_t bytes_ = 0;
+  bool has_failed_ = false;
 };
 
 }  // namespace unlidar

@@ -10,14 +10,12 @@
 #include <optional>
 #include <utility>
 
-#include "app/capture_files.hpp"
-#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
 #include "app/output.hpp"
-#include "app/service_notify.hpp"
-#include "app/signals.hpp"
+#include "app/packet_recorder.hpp"
+#include "app/service.hpp"
 #include "app/summary.hpp"
 #include "app/trace_output.hpp"
 #include "app/track_drones.hpp"
@@ -68,7 +66,6 @@ class LiveRun {
         captures_(captures),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
-        note_(note),
         trace_(arguments.trace.empty()
                    ? nullptr
                    : std::make_unique<LiveTraceOutput>(arguments.trace, signals_, note)),
@@ -129,7 +126,7 @@ class LiveRun {
     service_.SendHeartbeat();
     std::vector<pollfd> fds = {{source_->fd(), POLLIN, 0}};
     for (const int reader : output_.reader_fds()) fds.push_back({reader, 0, 0});
-    if (trace_ && trace_->reader_fd() >= 0) fds.push_back({trace_->reader_fd(), 0, 0});
+    if (trace_) fds.push_back({trace_->reader_fd(), 0, 0});
     fds = signals_.Wait(fds, source_->is_idle() ? kPollInterval : std::chrono::milliseconds(0));
     if (std::any_of(fds.begin() + 1, fds.end(), [](const pollfd& f) { return f.revents != 0; })) {
       throw OutputError("the reader of an output has left");
@@ -172,7 +169,7 @@ class LiveRun {
       WriteFiles(files);
       has_status_failed_ = false;
     } catch (const OutputError& error) {
-      if (!std::exchange(has_status_failed_, true)) note_(error.what());
+      if (!std::exchange(has_status_failed_, true)) reporter_.Note(error.what());
     }
   }
 
@@ -183,7 +180,6 @@ class LiveRun {
   ServiceNotifier service_;
   LiveOutput output_;
   LiveEventReporter reporter_;
-  const NoteCallback& note_;
   std::unique_ptr<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;

@@ -3,19 +3,17 @@
 #include <algorithm>
 #include <cstdlib>
 #include <utility>
+#include <variant>
 
 #include "api/recording_events.hpp"
-#include "app/output.hpp"
 #include "base/format.hpp"
 #include "io/frames.hpp"
 
 namespace unlidar {
 namespace {
 
-FramePace::Clock::duration Seconds(double seconds) {
-  return std::chrono::duration_cast<FramePace::Clock::duration>(
-      std::chrono::duration<double>(seconds));
-}
+// Two thirds of the time after which readers consider an engine stopped.
+constexpr TimeNs kStateIntervalNs = 40'000'000'000;
 
 std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
   std::vector<std::string> names;
@@ -26,10 +24,95 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 
 }  // namespace
 
+void LiveEventReporter::NoteCount(std::uint64_t before, std::uint64_t count,
+                                  const std::string& noun, const std::string& text) const {
+  if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
+}
+
+void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) {
+  if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
+    output_.Confirm(*confirmed);
+  } else if (const auto* given = std::get_if<RowGiven>(&event)) {
+    const std::uint64_t unwritable = output_.counts().unwritable_rows;
+    output_.AddRow(now.newest_ns, *given);
+    NoteCount(unwritable, output_.counts().unwritable_rows, "row", kUnwritableText);
+  } else if (const auto* predicted = std::get_if<TrackPredicted>(&event)) {
+    output_.AddPrediction(now.newest_ns, *predicted);
+  } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
+    output_.End(now.newest_ns, *ended);
+  } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
+    ReportSensor(changed->sensor, changed->state, now.newest_ns);
+  } else {
+    OnEngineState(std::get<EngineState>(event), now);
+  }
+}
+
+void LiveEventReporter::OnEngineState(EngineState state, const LiveProgress& now) {
+  const bool is_beginning = state == EngineState::kWarmingUp;
+  state_ = is_beginning ? LiveState::kWarmingUp : LiveState::kRunning;
+  if (is_beginning && std::exchange(has_begun_, true)) {
+    Note("begins anew at " + SecondsText(now.newest_ns) +
+         ": the clock has gone back, or no frame came for longer than live.window_s");
+  }
+  state_reported_ns_ = now.newest_ns;  // even if hidden by overload: the clock may have jumped back
+  if (!is_overloaded()) ReportState(now);
+}
+
+void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns) {
+  Sensor& sensor = sensors_[index];
+  if (sensor.state == state) return;
+  sensor.state = state;
+  output_.ReportSensor(newest_ns, sensor.name, state, sensor.clock);
+  if (state != SensorState::kBlinded) return;
+  NoteIncident(
+      sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)",
+      &sensor.num_blinded);
+}
+
+void LiveEventReporter::ReportReturns(std::size_t sensor, TimeNs stamp_ns,
+                                      const std::vector<Eigen::Vector3f>& points_m,
+                                      std::size_t max_returns, TimeNs newest_ns) {
+  if (!sensors_[sensor].view.IsDue(stamp_ns)) return;
+  output_.ReportReturns(newest_ns, sensors_[sensor].name, stamp_ns,
+                        TextOfReturns(points_m, ThinnedReturns(points_m, max_returns)));
+}
+
+void LiveEventReporter::ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns) {
+  Sensor& sensor = sensors_[index];
+  if (std::exchange(sensor.clock, clock) == clock) return;
+  if (sensor.state) output_.ReportSensor(newest_ns, sensor.name, *sensor.state, clock);
+  if (clock != SyncState::kLost) return;
+  NoteIncident(sensor.name +
+                   ": has lost its time synchronisation (PTP, GPS), its frames go on by the clock "
+                   "of this computer",
+               &sensor.num_lost);
+}
+
+void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,
+                                   const LiveProgress& now) {
+  const bool was_overloaded = is_overloaded();
+  if (std::exchange(one_in_, one_in) == one_in) return;
+  Note(is_overloaded() ? "overloaded: one frame in " + std::to_string(one_in) + " is worked off"
+                       : "no more overloaded, left out: " + Count(left_out, "frame"));
+  if (was_overloaded != is_overloaded()) ReportState(now);
+}
+
+// Reported only once, because for readers a warm-up ends all earlier tracks.
+void LiveEventReporter::SendHeartbeat(const LiveProgress& now) {
+  if (state_ == LiveState::kRunning && now.newest_ns - state_reported_ns_ >= kStateIntervalNs) {
+    ReportState(now);
+  }
+}
+
+void LiveEventReporter::ReportState(const LiveProgress& now) {
+  state_reported_ns_ = now.newest_ns;
+  output_.ReportState(now.newest_ns, state(), now.frames, now.lost_frames);
+  service_.ReportStatus(LiveStateName(state()));
+}
+
 LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_times,
                        const Config& config, LiveEventReporter& reporter, LiveTraceSink trace)
-    : sources_(arguments.sources),
-      config_(config),
+    : config_(config),
       reporter_(reporter),
       engine_(
           config, NamesOf(arguments.sources), output_times,
@@ -38,8 +121,10 @@ LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_tim
           !arguments.livox.empty(), std::move(trace), FrameCallbackOf(arguments.event_returns)),
       skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
       why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
-      pace_(Seconds(config.live.overload_s)) {
-  for (const std::string& name : NamesOf(arguments.sources)) AppendSensor(name);
+      pace_(std::chrono::nanoseconds(NsOf(config.live.overload_s))) {
+  for (const FrameSource& source : arguments.sources) {
+    AppendSensor(SourceName(source), source.directory);
+  }
 }
 
 FrameCallback LiveIntake::FrameCallbackOf(int max_returns) {
@@ -51,15 +136,17 @@ FrameCallback LiveIntake::FrameCallbackOf(int max_returns) {
   };
 }
 
-void LiveIntake::AppendSensor(const std::string& name) {
+void LiveIntake::AppendSensor(const std::string& name, const std::string& directory) {
   sensors_.emplace_back();
-  sensors_.back().name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
-  reporter_.AddSensor(sensors_.back().name);
+  LiveInput& input = summary_.inputs.emplace_back();
+  input.name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
+  input.directory = directory;
+  reporter_.AddSensor(input.name);
 }
 
 std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) const {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    if (sensors_[i].name == name) return i;
+    if (NameOf(i) == name) return i;
   }
   return std::nullopt;
 }
@@ -69,15 +156,16 @@ std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& fi
     reporter_.Note(first + ": the config has no sensors." + name + ", it stands at the origin");
   }
   engine_.AddSensor(name);
-  AppendSensor(name);
+  AppendSensor(name, "");
   return sensors_.size() - 1;
 }
 
 void LiveIntake::ReplaceSensor(std::size_t sensor, const std::string& name) {
-  reporter_.Note(name + " takes the place of " + sensors_[sensor].name + ", which is silent");
+  reporter_.Note(name + " takes the place of " + NameOf(sensor) + ", which is silent");
   engine_.ReplaceSensor(static_cast<std::uint32_t>(sensor), name);
   sensors_[sensor] = Sensor();
-  sensors_[sensor].name = name;
+  summary_.inputs[sensor] = LiveInput();
+  summary_.inputs[sensor].name = name;
   reporter_.ReplaceSensor(sensor, name);
 }
 
@@ -93,9 +181,9 @@ bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
                            engine_.newest_ns());
   }
   const bool is_kept = pace_.Keeps(sensor, waited, now);
-  reporter_.ReportPace(pace_.one_in(), overload_frames_, Progress());
+  reporter_.ReportPace(pace_.one_in(), summary_.overload_frames, Progress());
   if (is_kept) return true;
-  ++overload_frames_;
+  ++summary_.overload_frames;
   engine_.NoteSkipped(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
   return false;
 }
@@ -109,7 +197,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
   const double begin_s = ThreadCpuSeconds();
   try {
     engine_.Add({index, stamp_ns, name, std::move(cloud), arrival});
-    ++sensors_[sensor].frames;
+    ++summary_.inputs[sensor].frames;
   } catch (const UnitError&) {
     throw;  // the next would be no better
   } catch (const InputError& error) {
@@ -119,7 +207,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     num_engine_warnings_ = engine_.warnings().size();
     Warn(engine_.warnings());
   }
-  processing_times_.Add(ThreadCpuSeconds() - begin_s);
+  summary_.processing_times.Add(ThreadCpuSeconds() - begin_s);
   if (!reporter_.StateOf(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
     reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
@@ -134,15 +222,14 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
   reporter_.NoteCount(late_before, engine_.late_frames(), "frame",
                       " later than live.reorder_s and dropped, the last: " + name);
   const DroppedFrames& overflow = engine_.overflow_frames();
-  reporter_.NoteCount(
-      overflow_before, overflow.count, "frame",
-      std::string(kOverflowText) + ", the last of " + sensors_[overflow.sensor].name);
+  reporter_.NoteCount(overflow_before, overflow.count, "frame",
+                      std::string(kOverflowText) + ", the last of " + NameOf(overflow.sensor));
   const DroppedFrames& astray = engine_.astray_frames();
   if (astray.count == astray_before) return;
   std::string note = " astray and left out";
   if (astray.ahead_ns != 0) {
     const std::string seconds = SecondsText(std::abs(astray.ahead_ns));
-    note += ": the clock of " + sensors_[astray.sensor].name + " is " +
+    note += ": the clock of " + NameOf(astray.sensor) + " is " +
             seconds.substr(0, seconds.find('.')) + " s " +
             (astray.ahead_ns < 0 ? "behind" : "ahead of") + " that of the others";
   }
@@ -151,14 +238,14 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
 
 void LiveIntake::TakeBadFrame(const InputError& error) {
   if (!skips_bad_frames_) throw InputError(error);
-  ++bad_frames_;
+  const std::uint64_t before = summary_.counts.bad_frames++;
   reporter_.NoteCount(
-      bad_frames_ - 1, bad_frames_, "frame",
+      before, before + 1, "frame",
       std::string(" bad and skipped") + why_skipped_ + ", the last: " + error.what());
 }
 
 void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
-  const FollowedCounts before = std::exchange(followed_, counts);
+  const FollowedCounts before = std::exchange(summary_.followed, counts);
   const auto say = [&](std::uint64_t FollowedCounts::*count, const char* what) {
     reporter_.NoteCount(before.*count, counts.*count, "frame", what);
   };
@@ -170,7 +257,7 @@ void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
 void LiveIntake::CheckSilence() {
   const Clock::time_point now = Clock::now();
   const auto is_quiet = [&](const Sensor& sensor) {
-    return now - sensor.arrived > Seconds(config_.live.silent_s);
+    return now - sensor.arrived > std::chrono::nanoseconds(NsOf(config_.live.silent_s));
   };
   if (!std::all_of(sensors_.begin(), sensors_.end(), is_quiet)) return;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
@@ -199,8 +286,9 @@ void LiveIntake::CheckOutOfSync() {
 
 void LiveIntake::Warn(const std::vector<Warning>& warnings) {
   for (const Warning& warning : warnings) {
-    if (std::find(warnings_.begin(), warnings_.end(), warning) != warnings_.end()) continue;
-    warnings_.push_back(warning);
+    std::vector<Warning>& all = summary_.warnings;
+    if (std::find(all.begin(), all.end(), warning) != all.end()) continue;
+    all.push_back(warning);
     reporter_.Note("warning: " + warning.text);
   }
 }
@@ -214,31 +302,25 @@ void LiveIntake::Close() {
 LiveProgress LiveIntake::Progress() const {
   const InputCounts& counts = engine_.counts();
   return {engine_.newest_ns(), counts.frames,
-          bad_frames_ + counts.bad_frames + engine_.late_frames() + engine_.astray_frames().count +
-              engine_.overflow_frames().count + overload_frames_ + followed_.vanished +
-              followed_.passed_over};
+          summary_.counts.bad_frames + counts.bad_frames + engine_.late_frames() +
+              engine_.astray_frames().count + engine_.overflow_frames().count +
+              summary_.overload_frames + summary_.followed.vanished +
+              summary_.followed.passed_over};
 }
 
 LiveSummary LiveIntake::Summary() const {
-  LiveSummary summary;
+  LiveSummary summary = summary_;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    LiveInput& input = summary.inputs.emplace_back();
-    input.name = sensors_[i].name;
-    if (i < sources_.size()) input.directory = sources_[i].directory;
-    input.frames = sensors_[i].frames;
+    LiveInput& input = summary.inputs[i];
     input.state = reporter_.StateOf(i);
     input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
     input.sway_deg = engine_.SwayDeg(static_cast<std::uint32_t>(i));
   }
-  summary.warnings = warnings_;
   summary.counts = engine_.counts();
-  summary.counts.bad_frames += bad_frames_;
+  summary.counts.bad_frames += summary_.counts.bad_frames;
   summary.late_frames = engine_.late_frames();
   summary.astray_frames = engine_.astray_frames().count;
   summary.overflow_frames = engine_.overflow_frames().count;
-  summary.overload_frames = overload_frames_;
-  summary.followed = followed_;
-  summary.processing_times = processing_times_;
   return summary;
 }
 

@@ -1,6 +1,7 @@
-// Intake of frames into the engine of a live run, from any source.
+// Intake of frames into the engine of a live run, from any source, and what is told of it.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -8,20 +9,107 @@
 #include <vector>
 
 #include "app/arguments.hpp"
-#include "app/live_event_reporter.hpp"
-#include "app/processing_times.hpp"
+#include "app/live_output.hpp"
+#include "app/output.hpp"
+#include "app/output_files.hpp"
+#include "app/returns_view.hpp"
+#include "app/service.hpp"
 #include "app/summary.hpp"
+#include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
-#include "io/frame_pace.hpp"
 #include "io/input_limits.hpp"
+#include "io/livox_frames.hpp"
 #include "io/pcd.hpp"
 #include "live/live_engine.hpp"
+#include "unlidar/engine.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
 
-// Counts the fate of each frame, skips frames under overload, and detects silence by the wall
-// clock.
+struct LiveProgress {
+  TimeNs newest_ns = 0;  // stamp
+  std::uint64_t frames = 0;
+  std::uint64_t lost_frames = 0;
+};
+
+// Sensors and tracks are reported again only after a change.
+class LiveEventReporter {
+ public:
+  // All of them outlive it.
+  LiveEventReporter(LiveOutput& output, const ServiceNotifier& service, const NoteCallback& note)
+      : output_(output), service_(service), note_(note) {}
+
+  void Note(const std::string& text) const { note_(text); }
+
+  // The same with the count of incidents before it, if that is worth a note.
+  void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
+                 const std::string& text) const;
+
+  // Counts one more incident in `count` and notes it, if that is worth a note.
+  void NoteIncident(const std::string& text, std::uint64_t* count) const {
+    ++*count;
+    if (IsWorthANote(*count - 1, *count)) Note(text);
+  }
+
+  // Sensors are numbered as they are added.
+  void AddSensor(const std::string& name) { sensors_.push_back({name}); }
+
+  // Further events of this index belong to another sensor.
+  void ReplaceSensor(std::size_t index, const std::string& name) { sensors_[index] = {name}; }
+
+  void Take(const EngineEvent& event, const LiveProgress& now);
+
+  void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
+  // Reports the clock of a sensor that tells of its synchronisation, also before its first frame.
+  void ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns);
+  // As last reported, if it was.
+  std::optional<SensorState> StateOf(std::size_t sensor) const { return sensors_[sensor].state; }
+
+  // Reports at most `max_returns` returns of a frame if a view of them is due.
+  void ReportReturns(std::size_t sensor, TimeNs stamp_ns,
+                     const std::vector<Eigen::Vector3f>& points_m, std::size_t max_returns,
+                     TimeNs newest_ns);
+
+  // Reports that one frame in `one_in` is processed, and the number skipped so far.
+  void ReportPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
+
+  void ReportState(const LiveProgress& now);
+
+  // Repeats the state while frames are processed: tells an empty sky from a stopped engine.
+  void SendHeartbeat(const LiveProgress& now);
+
+  // State as last reported.
+  LiveState state() const { return is_overloaded() ? LiveState::kOverloaded : state_; }
+  std::uint64_t one_in() const { return one_in_; }
+
+  // Writes everything pending. Throws OutputError.
+  void Flush() { output_.Flush(); }
+
+ private:
+  void OnEngineState(EngineState state, const LiveProgress& now);
+
+  struct Sensor {
+    std::string name;
+    std::optional<SensorState> state = {};  // as last reported
+    std::uint64_t num_blinded = 0;
+    ViewPace view = {};
+    std::optional<SyncState> clock = {};
+    std::uint64_t num_lost = 0;  // synchronisation
+  };
+
+  bool is_overloaded() const { return one_in_ > 1; }
+
+  LiveOutput& output_;
+  const ServiceNotifier& service_;
+  const NoteCallback& note_;
+  std::vector<Sensor> sensors_;
+  LiveState state_ = LiveState::kWarmingUp;  // without overload
+  bool has_begun_ = false;
+  std::uint64_t one_in_ = 1;
+  TimeNs state_reported_ns_ = 0;  // stamp
+};
+
+// Counts the fate of each frame, skips frames under overload, detects silence by the wall clock.
 class LiveIntake {
  public:
   using Clock = FramePace::Clock;
@@ -77,21 +165,20 @@ class LiveIntake {
 
  private:
   struct Sensor {
-    std::string name;
-    std::uint64_t frames = 0;
     bool is_silent_by_clock = false;
     Clock::time_point arrived = Clock::now();    // its last frame
     std::optional<TimeNs> out_of_sync_since_ns;  // by the stamps of the others
   };
 
   FrameCallback FrameCallbackOf(int max_returns);  // empty for 0
-  void AppendSensor(const std::string& name);
+  void AppendSensor(const std::string& name, const std::string& directory);
   void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
                    std::uint64_t overflow_before, const std::string& name);
   void CheckOutOfSync();
   LiveProgress Progress() const;
 
-  const std::vector<FrameSource>& sources_;
+  const std::string& NameOf(std::size_t sensor) const { return summary_.inputs[sensor].name; }
+
   const Config& config_;
   LiveEventReporter& reporter_;
   LiveEngine engine_;
@@ -99,12 +186,8 @@ class LiveIntake {
   const char* why_skipped_;
   FramePace pace_;
   std::vector<Sensor> sensors_;
-  ProcessingTimes processing_times_;
-  std::uint64_t bad_frames_ = 0;  // without those counted by the engine
-  std::uint64_t overload_frames_ = 0;
-  FollowedCounts followed_;
-  std::vector<Warning> warnings_;        // all,
-  std::size_t num_engine_warnings_ = 0;  // of which from the engine
+  LiveSummary summary_;                  // without what the engine counts
+  std::size_t num_engine_warnings_ = 0;  // of all
 };
 
 }  // namespace unlidar

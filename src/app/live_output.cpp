@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "app/output.hpp"
-#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
@@ -206,10 +205,7 @@ void LiveOutput::Close() {
 }
 
 std::vector<int> LiveOutput::reader_fds() const {
-  std::vector<int> fds = {trajectory_.reader_fd()};
-  if (events_) fds.push_back(events_->reader_fd());
-  EraseIf(&fds, [](int fd) { return fd == -1; });
-  return fds;
+  return {trajectory_.reader_fd(), events_ ? events_->reader_fd() : -1};
 }
 
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {

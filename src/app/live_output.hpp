@@ -11,18 +11,16 @@
 #include <vector>
 
 #include "app/growing_file.hpp"
-#include "app/newest_lines.hpp"
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
-#include "app/signals.hpp"
-#include "io/livox_time.hpp"
+#include "app/service.hpp"
+#include "io/livox_frames.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {
 
 enum class LiveState { kWarmingUp, kRunning, kOverloaded };
 
-// Name used in events.
 const char* LiveStateName(LiveState state);
 
 const char* SensorStateName(SensorState state);
@@ -125,8 +123,7 @@ class LiveOutput {
     returns_.emplace(path, note);
   }
 
-  // Written to both files by the next Flush(), a track with its first row; `at_ns` is the newest
-  // accepted stamp.
+  // Written to both files by the next Flush(), a track with its first row. `at_ns`: newest stamp.
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
@@ -145,13 +142,12 @@ class LiveOutput {
   void Reopen();
   void Close();
 
-  // Descriptors to wait on: one is ready when its reader has left.
+  // Descriptors to wait on: one is ready when its reader has left. -1: none.
   std::vector<int> reader_fds() const;
 
   // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
-  // Tracks that have not ended.
   std::vector<CurrentTrack> CurrentTracks() const;
 
   const OutputCounts& counts() const { return counts_; }

@@ -10,14 +10,12 @@
 #include <utility>
 #include <vector>
 
-#include "app/packet_recorder.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/input_limits.hpp"
-#include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/error.hpp"

@@ -5,9 +5,8 @@
 #include <optional>
 
 #include "app/arguments.hpp"
-#include "app/capture_files.hpp"
-#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
+#include "app/packet_recorder.hpp"
 #include "app/summary.hpp"
 #include "unlidar/config.hpp"
 
@@ -16,10 +15,7 @@ namespace unlidar {
 // Reads available input and passes it to the intake frame by frame.
 class LiveSource {
  public:
-  LiveSource() = default;
   virtual ~LiveSource() = default;
-  LiveSource(const LiveSource&) = delete;
-  LiveSource& operator=(const LiveSource&) = delete;
 
   // Descriptor that is readable when input is available.
   virtual int fd() const = 0;
@@ -27,8 +23,8 @@ class LiveSource {
   // True if all available input is read.
   virtual bool is_idle() const { return true; }
 
-  // Reads some input; `is_ready`: state of fd(). Returns false at the end of input. Throws
-  // InputError, OutputError.
+  // Reads some input; `is_ready`: fd() is. Returns false at its end. Throws InputError,
+  // OutputError.
   virtual bool Read(bool is_ready) = 0;
 
   // Called at the end of the run: reads the remaining input and passes on incomplete frames.

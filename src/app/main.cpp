@@ -10,7 +10,6 @@
 
 #include "app/arguments.hpp"
 #include "app/output_files.hpp"
-#include "app/temporary_path.hpp"
 #include "app/track_drones.hpp"
 #include "unlidar/error.hpp"
 #ifdef UNLIDAR_WITH_PCL

@@ -41,6 +41,12 @@ std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum
 std::string ResultText(const std::string& path, std::uint64_t tracks, std::uint64_t rows,
                        std::uint64_t frames, std::size_t lidars);
 
+// True if a count has reached 1, 2, 4, 8, ... since it was `before`: repeated incidents are noted
+// ever less often.
+inline bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
+  return (before ^ count) > before;  // a higher bit is set
+}
+
 // Ends of lines that begin with a number of frames, or of rows: as they are told of in passing and
 // at the end.
 inline constexpr const char* kUnparsedText =

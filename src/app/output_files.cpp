@@ -4,16 +4,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <deque>
 #include <filesystem>
 #include <new>
 #include <optional>
+#include <random>
 #include <utility>
 
-#include "app/temporary_path.hpp"
 #include "base/format.hpp"
 #include "io/descriptor.hpp"
 #include "unlidar/error.hpp"
@@ -29,13 +31,42 @@ constexpr int kMaxLinks = 40;                  // as Linux
 constexpr mode_t kRights = 0777;
 constexpr mode_t kGroupRights = 0070;
 constexpr uid_t kNoChange = static_cast<uid_t>(-1);
+constexpr int kDeadlySignals[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXCPU};
+
+// A list that is consistent at every instant: a signal may arrive between any two instructions.
+std::atomic<TemporaryPath*> first_path = nullptr;
+
+// Gives the signals that mean `from` the meaning `to`.
+void Exchange(void (*from)(int), void (*to)(int)) {
+  struct sigaction action {};
+  action.sa_handler = to;
+  for (const int signal : kDeadlySignals) {
+    struct sigaction old {};
+    if (::sigaction(signal, nullptr, &old) == 0 && old.sa_handler == from) {
+      ::sigaction(signal, &action, nullptr);
+    }
+  }
+}
+
+// Calls only what a signal handler may.
+void RemoveAllAndDie(int signal) {
+  TemporaryPath::RemoveAll();
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);  // it is held back until the end of this function
+}
+
+// A counter or the process' number would come again after a restart, in a container the same.
+std::string RandomPathBeside(const std::string& path) {
+  std::random_device random;
+  char name[48];
+  std::snprintf(name, sizeof(name), ".unlidar_track-%08x%08x.part", random(), random());
+  return (fs::path(path).parent_path() / name).string();
+}
 
 [[noreturn]] void FailWith(int error, const std::string& path) {
   if (error == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
   FailToWrite(path, std::strerror(error));
 }
-
-[[noreturn]] void FailWithErrno(const std::string& path) { FailWith(errno, path); }
 
 // Hands everything over in blocks.
 void WriteContent(int fd, const OutputFile& file) {
@@ -51,9 +82,9 @@ void WriteContent(int fd, const OutputFile& file) {
 
 void WriteInPlace(const OutputFile& file) {
   Descriptor target(Uninterrupted([&] { return ::open(file.path.c_str(), O_WRONLY | O_CLOEXEC); }));
-  if (!target.is_open()) FailWithErrno(file.path);
+  if (!target.is_open()) FailWith(errno, file.path);
   WriteContent(target.get(), file);
-  if (!target.Close()) FailWithErrno(file.path);
+  if (!target.Close()) FailWith(errno, file.path);
 }
 
 // Returns the status behind links; none if nothing is there. Throws on any other error: a device
@@ -61,7 +92,7 @@ void WriteInPlace(const OutputFile& file) {
 std::optional<struct stat> Status(const std::string& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) == 0) return status;
-  if (errno != ENOENT) FailWithErrno(path);
+  if (errno != ENOENT) FailWith(errno, path);
   return std::nullopt;
 }
 
@@ -104,11 +135,11 @@ class TemporaryFile {
     WriteContent(fd_.get(), file);
     // A power cut after the rename must not leave an empty file in the old one's place.
     const int synced = Uninterrupted([&] { return ::fsync(fd_.get()); });
-    if ((synced != 0 && errno != EINVAL) || !fd_.Close()) FailWithErrno(path_);
+    if ((synced != 0 && errno != EINVAL) || !fd_.Close()) FailWith(errno, path_);
   }
 
   void Commit() {
-    if (std::rename(temporary_.c_str(), target_.c_str()) != 0) FailWithErrno(path_);
+    if (std::rename(temporary_.c_str(), target_.c_str()) != 0) FailWith(errno, path_);
   }
 
  private:
@@ -116,7 +147,7 @@ class TemporaryFile {
     const mode_t mode = old_ ? S_IRUSR | S_IWUSR : 0666;  // the umask takes from the latter
     const int fd = Uninterrupted(
         [&] { return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode); });
-    if (fd < 0) FailWithErrno(path_);
+    if (fd < 0) FailWith(errno, path_);
     return fd;
   }
 
@@ -127,7 +158,7 @@ class TemporaryFile {
     const bool has_group = ::fchown(fd_.get(), old_->st_uid, old_->st_gid) == 0 ||
                            ::fchown(fd_.get(), kNoChange, old_->st_gid) == 0;
     if (!has_group) mode = (mode & ~kGroupRights) | (mode & (mode << 3) & kGroupRights);
-    if (::fchmod(fd_.get(), mode) != 0) FailWithErrno(path_);
+    if (::fchmod(fd_.get(), mode) != 0) FailWith(errno, path_);
   }
 
   std::string path_;
@@ -138,6 +169,30 @@ class TemporaryFile {
 };
 
 }  // namespace
+
+TemporaryPath::TemporaryPath(const std::string& beside)
+    : path_(RandomPathBeside(beside)), next_(first_path) {
+  if (next_ == nullptr) Exchange(SIG_DFL, RemoveAllAndDie);
+  first_path = this;
+}
+
+TemporaryPath::~TemporaryPath() {
+  Uninterrupted([&] { return ::unlink(path_.c_str()); });
+  if (first_path == this) {
+    first_path = next_;
+  } else {
+    TemporaryPath* before = first_path;
+    while (before->next_ != this) before = before->next_;
+    before->next_ = next_;
+  }
+  if (first_path == nullptr) Exchange(RemoveAllAndDie, SIG_DFL);
+}
+
+void TemporaryPath::RemoveAll() {
+  for (TemporaryPath* path = first_path; path != nullptr; path = path->next_) {
+    ::unlink(path->path_.c_str());
+  }
+}
 
 ContentWriter Content(std::string bytes) {
   return [bytes = std::move(bytes)](const Sink& sink) { sink(bytes); };
@@ -160,7 +215,7 @@ void CheckWritable(const std::string& path) {
     FailToWrite(path, "it names a directory, expected a file");
   }
   if (IsSpecialFile(path)) {
-    if (::access(path.c_str(), W_OK) != 0) FailWithErrno(path);
+    if (::access(path.c_str(), W_OK) != 0) FailWith(errno, path);
     return;
   }
   std::error_code error;

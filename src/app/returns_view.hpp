@@ -12,8 +12,7 @@
 
 namespace unlidar {
 
-// Limit of the returns of one view: 6 bytes each, in base64, fit the lines that readers of events
-// accept.
+// Most returns of a view: 6 bytes each, in base64, fit the lines that readers of events accept.
 inline constexpr int kMaxViewReturns = 2000;
 
 // Returns of a view are within this distance of the origin on each axis.

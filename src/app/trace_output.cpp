@@ -109,6 +109,46 @@ std::string HeaderLine(const std::vector<std::string>& sensors) {
       {{"trace", "header"}, {"version", kVersion}, {"method", "robust"}, {"sensors", sensors}});
 }
 
+TraceJson TracedJson(const TracedFrame& traced) {
+  const SceneFrame& frame = traced.frame;
+  TraceJson bodies = TraceJson::array();
+  for (const Eigen::Vector3f& body_m : frame.bodies_m) {
+    bodies.push_back(PlaceJson(body_m.cast<double>()));
+  }
+  TraceJson detections = TraceJson::array();
+  for (std::size_t i = 0; i < frame.plots.size(); ++i) {
+    detections.push_back(DetectionJson(frame.plots[i].plot, traced.verdicts[i]));
+  }
+  TraceJson json = FrameJson(traced.sensor, frame.info, std::move(bodies), std::move(detections));
+  json["threshold"] = NumberJson(traced.score_threshold);
+  json["rejection"] = RejectionJson(frame.rejection);
+  return json;
+}
+
+TraceJson TracedJson(const TracedPath& traced) {
+  const PathDecision& decision = traced.decision;
+  const auto plot_of = [&](std::uint32_t i) -> const Plot& { return traced.seen[i].plot; };
+  TraceJson json = PathJson(traced.path, plot_of, decision.log_likelihood_ratio,
+                            decision.crowding_penalty, traced.score_threshold, decision.rejection);
+  TraceJson cuts = TraceJson::array();
+  for (const PathCut& cut : traced.cuts) {
+    cuts.push_back({RejectionJson(cut.rule), cut.num_plots});
+  }
+  json["cuts"] = std::move(cuts);
+  json["track"] = decision.track ? TraceJson(*decision.track) : TraceJson(nullptr);
+  return json;
+}
+
+TraceJson TracedJson(const TracedTrack& traced) {
+  return {{"trace", "track"},
+          {"at", SecondsText(traced.at_ns)},
+          {"track", traced.number},
+          {"state", NameOf(traced.state)},
+          {"rejection", RejectionJson(traced.rejection)},
+          {"first", SecondsText(traced.first_evidence_ns)},
+          {"last", SecondsText(traced.last_evidence_ns)}};
+}
+
 [[noreturn]] void FailForRoom() {
   throw OutputError("--trace: no room for it in the temporary folder");
 }
@@ -169,7 +209,8 @@ LiveTraceOutput::LiveTraceOutput(const std::string& path, Signals& signals,
 
 LiveTraceSink LiveTraceOutput::Sink() {
   return [this](const LiveTraceEvent& event) {
-    std::visit([this](const auto& traced) { Add(traced); }, event);
+    file_.Append(LineOf(std::visit([](const auto& traced) { return TracedJson(traced); }, event)));
+    if (std::holds_alternative<TracedFrame>(event)) file_.Flush();
   };
 }
 
@@ -181,47 +222,6 @@ void LiveTraceOutput::Reopen() {
 void LiveTraceOutput::AddHeader() {
   file_.Append(HeaderLine({}));
   file_.Flush();
-}
-
-void LiveTraceOutput::Add(const TracedFrame& traced) {
-  const SceneFrame& frame = traced.frame;
-  TraceJson bodies = TraceJson::array();
-  for (const Eigen::Vector3f& body_m : frame.bodies_m) {
-    bodies.push_back(PlaceJson(body_m.cast<double>()));
-  }
-  TraceJson detections = TraceJson::array();
-  for (std::size_t i = 0; i < frame.plots.size(); ++i) {
-    detections.push_back(DetectionJson(frame.plots[i].plot, traced.verdicts[i]));
-  }
-  TraceJson json = FrameJson(traced.sensor, frame.info, std::move(bodies), std::move(detections));
-  json["threshold"] = NumberJson(traced.score_threshold);
-  json["rejection"] = RejectionJson(frame.rejection);
-  file_.Append(LineOf(json));
-  file_.Flush();
-}
-
-void LiveTraceOutput::Add(const TracedPath& traced) {
-  const PathDecision& decision = traced.decision;
-  const auto plot_of = [&](std::uint32_t i) -> const Plot& { return traced.seen[i].plot; };
-  TraceJson json = PathJson(traced.path, plot_of, decision.log_likelihood_ratio,
-                            decision.crowding_penalty, traced.score_threshold, decision.rejection);
-  TraceJson cuts = TraceJson::array();
-  for (const PathCut& cut : traced.cuts) {
-    cuts.push_back({RejectionJson(cut.rule), cut.num_plots});
-  }
-  json["cuts"] = std::move(cuts);
-  json["track"] = decision.track ? TraceJson(*decision.track) : TraceJson(nullptr);
-  file_.Append(LineOf(json));
-}
-
-void LiveTraceOutput::Add(const TracedTrack& traced) {
-  file_.Append(LineOf({{"trace", "track"},
-                       {"at", SecondsText(traced.at_ns)},
-                       {"track", traced.number},
-                       {"state", NameOf(traced.state)},
-                       {"rejection", RejectionJson(traced.rejection)},
-                       {"first", SecondsText(traced.first_evidence_ns)},
-                       {"last", SecondsText(traced.last_evidence_ns)}}));
 }
 
 }  // namespace unlidar

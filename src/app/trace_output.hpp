@@ -12,7 +12,7 @@
 
 #include "app/growing_file.hpp"
 #include "app/output_files.hpp"
-#include "app/signals.hpp"
+#include "app/service.hpp"
 #include "live/live_trace.hpp"
 #include "recording/robust.hpp"
 
@@ -28,8 +28,7 @@ class TraceOutput {
 
   void Add(const Recording& recording, const SearchTrace& trace);
 
-  // Writes the trace, to be called when all is added. Throws OutputError where it cannot be read
-  // back.
+  // Writes the trace, once all is added. Throws OutputError where it cannot be read back.
   void Write(const Sink& sink) const;
 
  private:
@@ -55,9 +54,6 @@ class LiveTraceOutput {
   int reader_fd() const { return file_.reader_fd(); }
 
  private:
-  void Add(const TracedFrame& traced);
-  void Add(const TracedPath& traced);
-  void Add(const TracedTrack& traced);
   void AddHeader();
 
   GrowingFile file_;

@@ -13,7 +13,6 @@
 #include "base/format.hpp"
 #include "config/config_keys.hpp"
 #include "config/config_values.hpp"
-#include "config/former_keys.hpp"
 #include "io/input_file.hpp"
 #include "io/pose_file.hpp"
 #include "paper/clustering.hpp"

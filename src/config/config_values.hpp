@@ -7,7 +7,9 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -21,25 +23,30 @@
 namespace unlidar {
 
 inline constexpr const char* kInfinityText = ".inf";
+inline constexpr double kUnitNormTolerance = 1e-3;
 
 // Returns the value as the user wrote it, for messages.
-std::string Quote(const YAML::Node& node);
+inline std::string Quote(const YAML::Node& node) {
+  if (!node.IsDefined() || node.IsNull()) return "nothing";
+  if (node.IsScalar()) return Quoted(node.Scalar());
+  YAML::Emitter emitter;
+  emitter.SetSeqFormat(YAML::Flow);
+  emitter.SetMapFormat(YAML::Flow);
+  emitter << node;
+  return Quoted(emitter.c_str());
+}
 
 // Formats a number; whole numbers have no exponent.
-std::string NumberText(double value);
-
-// Describes the constraint of a key, to follow "expected" in a message.
-std::string Expected(const bool& field, Flag constraint);
-std::string Expected(const std::vector<double>& field, const Elements& constraint);
-std::string Expected(const Eigen::Vector3d& field, const Vector3& constraint);
-std::string Expected(const Eigen::Vector4d& field, UnitQuaternion constraint);
+inline std::string NumberText(double value) {
+  return std::abs(value) < 1e15 && value == std::floor(value) ? FixedText(value, 0)
+                                                              : ShortestText(value);
+}
 
 // Returns " from 0 to 10", or " above 0 to 10, or .inf".
-std::string Interval(const Range& range);
-
-template <class Number>
-std::string Expected(const Number&, const Range& range) {
-  return (std::is_integral_v<Number> ? "an integer" : "a number") + Interval(range);
+inline std::string Interval(const Range& range) {
+  return (range.low_is_allowed ? " from " : " above ") + NumberText(range.low) + " to " +
+         NumberText(range.high) +
+         (range.may_be_endless ? std::string(", or ") + kInfinityText : "");
 }
 
 // Returns all names: "robust, paper".
@@ -50,6 +57,27 @@ std::string NamesOf(const Choices<E>& choices) {
     text += std::string(text.empty() ? "" : ", ") + choice.first;
   }
   return text;
+}
+
+// Describes the constraint of a key, to follow "expected" in a message.
+inline std::string Expected(const bool&, Flag) { return "true or false"; }
+
+template <class Number>
+std::string Expected(const Number&, const Range& range) {
+  return (std::is_integral_v<Number> ? "an integer" : "a number") + Interval(range);
+}
+
+inline std::string Expected(const std::vector<double>&, const Elements& constraint) {
+  return "a list of one or more numbers, each" + Interval(constraint.each);
+}
+
+inline std::string Expected(const Eigen::Vector3d&, const Vector3& constraint) {
+  return "a list of 3 numbers [x, y, z], each at most " + NumberText(constraint.max_abs) +
+         " in size";
+}
+
+inline std::string Expected(const Eigen::Vector4d&, UnitQuaternion) {
+  return "a quaternion [x, y, z, w] of norm 1 (within " + ShortestText(kUnitNormTolerance) + ")";
 }
 
 template <class E>
@@ -63,11 +91,27 @@ std::string Expected(const std::vector<E>&, const Subset<E>& constraint) {
 }
 
 // True if a value satisfies its constraint.
-bool Holds(bool field, Flag constraint);
-bool Holds(double field, const Range& constraint);  // integers, too
-bool Holds(const std::vector<double>& field, const Elements& constraint);
-bool Holds(const Eigen::Vector3d& field, const Vector3& constraint);
-bool Holds(const Eigen::Vector4d& field, UnitQuaternion constraint);
+inline bool Holds(bool, Flag) { return true; }
+
+inline bool Holds(double field, const Range& constraint) {  // integers, too
+  const bool is_endless = field == std::numeric_limits<double>::infinity();
+  if (is_endless && constraint.may_be_endless) return true;
+  return field >= constraint.low && field <= constraint.high &&
+         (constraint.low_is_allowed || field != constraint.low);
+}
+
+inline bool Holds(const std::vector<double>& field, const Elements& constraint) {
+  return !field.empty() && std::all_of(field.begin(), field.end(),
+                                       [&](double value) { return Holds(value, constraint.each); });
+}
+
+inline bool Holds(const Eigen::Vector3d& field, const Vector3& constraint) {
+  return field.allFinite() && field.cwiseAbs().maxCoeff() <= constraint.max_abs;
+}
+
+inline bool Holds(const Eigen::Vector4d& field, UnitQuaternion) {
+  return std::abs(field.norm() - 1.0) <= kUnitNormTolerance;
+}
 
 template <class E>
 bool Holds(const E& field, const Choices<E>& choices) {
@@ -98,11 +142,35 @@ std::string TextOf(const Field& field) {
   }
 }
 
+template <class Number>
+bool ParseScalar(const YAML::Node& node, Number& value) {
+  const auto number = node.IsScalar() ? ParseNumber<Number>(node.Scalar()) : std::nullopt;
+  value = number.value_or(value);
+  return number.has_value();
+}
+
 // Sets a value if the node has one of its type, whatever the constraint says about it.
-bool Parse(const YAML::Node& node, bool& value);
-bool Parse(const YAML::Node& node, int& value);
-bool Parse(const YAML::Node& node, double& value);  // finite, or kInfinityText
-bool Parse(const YAML::Node& node, Eigen::Ref<Eigen::VectorXd> value);
+inline bool Parse(const YAML::Node& node, bool& value) {
+  if (!node.IsScalar()) return false;
+  value = node.Scalar() == "true";
+  return value || node.Scalar() == "false";
+}
+
+inline bool Parse(const YAML::Node& node, int& value) { return ParseScalar(node, value); }
+
+inline bool Parse(const YAML::Node& node, double& value) {  // finite, or kInfinityText
+  if (ParseScalar(node, value)) return std::isfinite(value);
+  value = std::numeric_limits<double>::infinity();
+  return node.IsScalar() && node.Scalar() == kInfinityText;
+}
+
+inline bool Parse(const YAML::Node& node, Eigen::Ref<Eigen::VectorXd> value) {
+  if (!node.IsSequence() || node.size() != static_cast<std::size_t>(value.size())) return false;
+  for (std::size_t i = 0; i < node.size(); ++i) {
+    if (!Parse(node[i], value[static_cast<Eigen::Index>(i)])) return false;
+  }
+  return true;
+}
 
 template <class Value, class Constraint>
 bool Parse(const YAML::Node& node, Value& value, const Constraint& constraint) {
@@ -128,9 +196,13 @@ bool Parse(const YAML::Node& node, std::vector<Value>& values, const Constraint&
   return true;
 }
 
-// Normalizes a quaternion unless it is normalized but for rounding: to divide by a norm of 1 +
-// 1e-16 again would change what is listed of a configuration each time that it is read.
-void NormalizeOnce(Eigen::Vector4d& quaternion);
+// Normalizes a quaternion unless it is normalized but for rounding, then off by at most 1.5
+// epsilon: to divide by a norm of 1 + 1e-16 again would change what is listed of a configuration
+// each time that it is read.
+inline void NormalizeOnce(Eigen::Vector4d& quaternion) {
+  constexpr double kRoundedNormTolerance = 4 * std::numeric_limits<double>::epsilon();
+  if (std::abs(quaternion.norm() - 1.0) > kRoundedNormTolerance) quaternion.normalize();
+}
 
 // Sets the field and returns true if the node satisfies the constraint.
 template <class Field, class Constraint>

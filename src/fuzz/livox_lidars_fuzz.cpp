@@ -10,7 +10,7 @@
 #include "fuzz/fuzz.hpp"
 #include "io/frame_directory.hpp"
 #include "io/input_limits.hpp"
-#include "io/livox_lidars.hpp"
+#include "io/livox_receiver.hpp"
 #include "live/live_engine.hpp"
 #include "tests/livox_packet_writer.hpp"
 

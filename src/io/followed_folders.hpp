@@ -20,7 +20,6 @@
 
 namespace unlidar {
 
-// Counts of frames that were not delivered.
 struct FollowedCounts {
   std::uint64_t vanished = 0;     // deleted before they were read
   std::uint64_t passed_over = 0;  // stamp seen before
@@ -70,7 +69,6 @@ class FollowedFolders {
   // Returns the earliest complete frame.
   std::optional<FollowedFrame> Next();
 
-  // Returns the new warnings about names.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   std::size_t num_pending() const { return pending_.size(); }

@@ -1,7 +1,6 @@
 #include "io/frame_messages.hpp"
 
 #include "base/format.hpp"
-#include "io/frame_directory.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
 #include "unlidar/error.hpp"

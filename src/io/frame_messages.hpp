@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "io/frame_clock.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -35,7 +35,6 @@ class FrameMessageReader {
   // Returns the next message; empty until all its bytes are there.
   std::optional<FrameMessage> Next();
 
-  // Returns the new warnings about stamps.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   // Checks the end of the stream; throws InputError in the middle of a message.

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "io/frame_clock.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -22,7 +22,6 @@ inline constexpr const char* kExpectedSensorName =
     "expected a name of up to 120 letters, digits, '_' and '-'";
 bool IsSensorName(const std::string& name);
 
-// Returns the name of a source, by default the last component of its directory.
 std::string SourceName(const FrameSource& source);
 
 // Throws UsageError if two sources have the same name.
@@ -41,13 +40,11 @@ void CheckNames(const std::vector<FrameSource>& sources);
 // sensor: as an offset from the frame's stamp (whole numbers in nanoseconds, others in seconds), as
 // Unix time in that unit, or as Unix time in the unit of its magnitude (NsPerUnitByMagnitude). Each
 // return of the first seconds with frames that have any votes for the reading that is nearest to
-// its frame's stamp. A return farther from the stamp than the larger of 1 s and 10 frame periods is
-// an error.
+// its frame's stamp. Farther from it than 1 s and 10 frame periods a return is an error.
 //
 // The interval of a frame spans its point times; without them it is one frame period long, but at
 // most 1 s, is placed about the stamp by config.stamp, and its middle is the time of all returns.
-// The frame period is the median difference of a sensor's stamps, at most 1 h; 0.1 s for a single
-// frame.
+// The frame period is the median difference of a sensor's stamps, up to 1 h; of a single one 0.1 s.
 //
 // Rows are dropped and counted if they are not finite, (0, 0, 0), or out of range of the sensor,
 // input.scale_m applied; then the pose of the sensor is applied in double. A frame without returns
@@ -62,8 +59,6 @@ class FrameReader {
   // `config` must outlive it.
   FrameReader(const std::vector<FrameSource>& sources, const Config& config);
   ~FrameReader();
-  FrameReader(const FrameReader&) = delete;
-  FrameReader& operator=(const FrameReader&) = delete;
 
   // Stamps have the time offsets of the sensors applied.
   TimeNs first_stamp_ns() const { return first_stamp_ns_; }

@@ -17,7 +17,6 @@ struct InputKind {
   bool must_be_regular = false;
 };
 
-// File that is read sequentially.
 class InputFile {
  public:
   // Throws InputError if the file cannot be opened or is of another kind.

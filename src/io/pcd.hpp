@@ -1,5 +1,4 @@
-// PCD files (Point Cloud Data), read as by PCL, but 4 to 8 times faster and without trusting the
-// header.
+// PCD files (Point Cloud Data), read as by PCL, but 4 to 8 times faster and bounded in memory.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,9 +27,8 @@ struct PcdCloud {
 //     and float64 coordinates are converted and not zero.
 // Memory use is proportional to the size of the file, whatever the header states: LZF unpacks to at
 // most kLzfMaxExpansion times its size, and a row of two bytes or more becomes a point of twelve.
-// The file is read only as far as its points extend. More than 2^26 points, and data of more than 1
-// GiB in the file or unpacked, are rejected. Throws InputError naming the file, the value and what
-// was expected.
+// The file is read only as far as its points extend. Throws InputError naming the file, the value
+// and what was expected, also for more than 2^26 points or 1 GiB in the file or unpacked.
 PcdCloud ReadPcd(const std::string& path);
 
 // Same as ReadPcd() for bytes in memory; `name` stands for the file in messages.

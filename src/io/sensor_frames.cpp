@@ -8,8 +8,6 @@
 
 #include "base/algorithms.hpp"
 #include "base/format.hpp"
-#include "io/frame_clock.hpp"
-#include "io/turn_order.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -48,16 +48,14 @@ class SensorFrames {
   void CheckStamp(std::string_view name, TimeNs stamp_ns) const;
 
   // Adds a stamp to the estimate of the frame period, even if its frame is bad. In a stream, stamps
-  // are noted in order, when their frames are finished, so that early or late arrival changes
-  // nothing.
+  // are noted in order, as their frames are finished: early or late arrival changes nothing.
   void NoteStamp(TimeNs stamp_ns);
 
   // Drops rows that are not returns and applies the pose of the sensor: sets all of a frame, whose
   // file is set, but its times. Reuses its memory.
   void Load(PcdCloud cloud, LoadedFrame* frame);
 
-  // True if enough frames were loaded to judge their unit; in a stream only within its first
-  // seconds.
+  // True if enough frames were loaded to judge their unit, in a stream within its first seconds.
   bool CanTellUnits() const;
 
   // Returns why the coordinates of the frames loaded so far cannot be metres, with the sensor's
@@ -68,15 +66,14 @@ class SensorFrames {
   void CheckUnits() const;
 
   // Sets the times and the interval of the frame, and moves its returns to where the carrier was at
-  // their times. Returns false if that is not known: the frame is to be left out.
-  // Throws InputError for an invalid point time.
+  // their times. Returns false if that is not known: the frame is to be left out. Throws InputError
+  // for an invalid point time.
   bool Finish(LoadedFrame& frame);
 
   // Name, origin, and frame period from the stamps so far; valid until the next NoteStamp().
   const SensorInfo& info() const;
 
-  // Returns the warnings about these coordinates, from however few frames. `are_metres`: true if
-  // their source states so.
+  // Returns the warnings about these coordinates. `are_metres`: true if their source states so.
   std::vector<Warning> RangeWarnings(bool are_metres) const;
 
   // Returns the warning about frames left out for want of a pose, if there are any.
@@ -85,7 +82,6 @@ class SensorFrames {
   // Appends the warnings about the frames loaded so far.
   void AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const;
 
-  // Time offset added to each stamp.
   TimeNs offset_ns() const { return offset_ns_; }
 
  private:

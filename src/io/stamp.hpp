@@ -30,8 +30,8 @@ Rate ParseRate(std::string_view text);
 
 // Reads one stamp per line, or a CSV with a column `timestamp`; skips blank lines and lines that
 // begin with '#'. Returns the stamps in ascending order without duplicates. Throws InputError
-// naming file and line, also for a line of more than 64 KiB, more than 10 million lines or 1 GiB: a
-// pipe may be endless. `are_whole`: set to true if all are written without a point or an exponent.
+// naming file and line, as LineReader does. `are_whole`: set to true if all are written without a
+// point or an exponent.
 std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole = nullptr);
 
 }  // namespace unlidar

@@ -29,8 +29,7 @@ class RangeStatistics {
   // Returns the share of returns beyond this range, rounded up by at most an eighth of an octave.
   double ShareBeyond(double range_m) const;
 
-  // Returns the range below which this share of the returns lies, rounded down by at most an eighth
-  // of an octave.
+  // Returns the range below which this share of the returns lies, rounded down by as much.
   double Quantile(double share) const;
 
   // Distance of the mean from the origin, and of the returns from their mean (root mean square).
@@ -59,16 +58,14 @@ std::optional<std::string> WhyNotMetres(const RangeStatistics& ranges, double ma
 
 // Returns why the coordinates of a sensor look like centimetres though they are within reach:
 // almost nothing is near, but returns span a wide range, like the surroundings of a station. Empty
-// if they do not, or if there is too little data. Not certain: a LiDAR may see only distant
-// objects.
+// if not, or if there is too little data. Not certain: a LiDAR may see only distant objects.
 std::optional<std::string> WhyCentimetres(const RangeStatistics& ranges);
 
 // True if returns and frames are enough to make WhyNotMetres() an error: the few returns of an
 // empty sky may all be distant noise.
 bool SufficeToRefuse(const RangeStatistics& ranges);
 
-// Returns a warning if all returns are about one place far from the origin, or nearly all are
-// nearer than any drone.
+// Returns a warning if all returns are about one far place, or nearly all nearer than any drone.
 std::optional<Warning> WarningOfRanges(const std::string& sensor, const RangeStatistics& ranges,
                                        double max_range_m);
 

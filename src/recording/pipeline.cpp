@@ -9,7 +9,7 @@
 
 #include "base/format.hpp"
 #include "base/maths.hpp"
-#include "io/frame_clock.hpp"
+#include "io/frame_directory.hpp"
 #include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"

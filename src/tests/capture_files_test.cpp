@@ -1,5 +1,3 @@
-#include "app/capture_files.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
@@ -11,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "io/packet_capture.hpp"
+#include "app/packet_recorder.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 

@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "config/config_keys.hpp"
-#include "config/former_keys.hpp"
 #include "tests/config_entries.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"

@@ -1,5 +1,3 @@
-#include "io/frame_clock.hpp"
-
 #include <gtest/gtest.h>
 
 #include <optional>
@@ -7,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -1,10 +1,10 @@
-#include "io/frame_pace.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
+
+#include "io/arrival.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,5 +1,3 @@
-#include "app/live_event_reporter.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -8,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "app/live_intake.hpp"
 #include "tests/temporary_folder.hpp"
 
 namespace unlidar {

@@ -1,5 +1,3 @@
-#include "io/livox_lidars.hpp"
-
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -7,6 +5,7 @@
 #include <string>
 
 #include "io/input_limits.hpp"
+#include "io/livox_receiver.hpp"
 #include "tests/livox_packet_writer.hpp"
 
 namespace unlidar {

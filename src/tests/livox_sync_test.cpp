@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "io/livox_time.hpp"
+#include "io/livox_frames.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,11 +1,10 @@
-#include "io/livox_time.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 #include <random>
 
 #include "io/frame_directory.hpp"
+#include "io/livox_frames.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,5 +1,3 @@
-#include "app/newest_lines.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -11,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "app/growing_file.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 

@@ -7,7 +7,6 @@
 #include <string>
 #include <thread>
 
-#include "io/packet_capture.hpp"
 #include "tests/temporary_folder.hpp"
 
 namespace unlidar {

@@ -1,11 +1,11 @@
-#include "app/processing_times.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
+
+#include "app/summary.hpp"
 
 namespace unlidar {
 namespace {

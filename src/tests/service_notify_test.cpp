@@ -1,5 +1,3 @@
-#include "app/service_notify.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -13,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "app/service.hpp"
 #include "io/descriptor.hpp"
 #include "tests/temporary_folder.hpp"
 

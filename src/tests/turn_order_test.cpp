@@ -1,5 +1,3 @@
-#include "io/turn_order.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,6 +10,7 @@
 
 #include "base/angles.hpp"
 #include "base/pose_history.hpp"
+#include "io/point_times.hpp"
 
 namespace unlidar {
 namespace {

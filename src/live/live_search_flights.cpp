@@ -9,8 +9,6 @@
 #include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
 #include "scene/support.hpp"
-#include "tracking/crowding.hpp"
-#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {

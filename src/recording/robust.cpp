@@ -10,10 +10,8 @@
 #include "collection/suspended.hpp"
 #include "scene/multi_station_plots.hpp"
 #include "tracking/alternative_modes.hpp"
-#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
-#include "tracking/path_gates.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {

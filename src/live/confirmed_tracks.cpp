@@ -209,13 +209,8 @@ void ConfirmedTracks::TraceVerdict(const Track& track,
 }
 
 void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection rejection) {
-  TracedTrack traced;
-  traced.number = track.number;
-  traced.state = state;
-  traced.rejection = rejection;
-  traced.first_evidence_ns = track.follower->first_evidence_ns();
-  traced.last_evidence_ns = track.follower->last_evidence_ns();
-  trace_.AddTrack(traced);
+  trace_.AddTrack({0, track.number, state, rejection, track.follower->first_evidence_ns(),
+                   track.follower->last_evidence_ns()});
 }
 
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.

@@ -83,10 +83,14 @@ void LiveEngine::NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns,
   Settle(stamps_.Judge({sensor, time_ns, arrival}));
 }
 
-// Applies the verdict on a frame to the held frames, too.
+// Applies the verdict on a frame to the held frames, too: passes them on in order of their stamps,
+// so that none follows a newer one.
 void LiveEngine::Settle(StampValidator::Verdict verdict) {
   if (verdict == StampValidator::Verdict::kRestart) Restart();
-  TakeHeld();
+  const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
+    return stamps_.IsConfirmed(sensor, time_ns);
+  };
+  while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
   DropAstray(
       [this](std::uint32_t sensor, TimeNs time_ns) { return !stamps_.IsPending(sensor, time_ns); });
 }
@@ -95,14 +99,6 @@ bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeN
   if (!is_endless_ && has_begun() && stamp_ns < SettledNs()) return false;  // late anyway
   return std::binary_search(sensor.stamps_ns.begin(), sensor.stamps_ns.end(), frame.stamp_ns) ||
          held_.Has(frame.sensor, stamp_ns);
-}
-
-// Passes held frames on in order of their stamps, so that none follows a newer one.
-void LiveEngine::TakeHeld() {
-  const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
-    return stamps_.IsConfirmed(sensor, time_ns);
-  };
-  while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
 }
 
 template <class ShouldDrop>

@@ -13,7 +13,6 @@
 
 #include "base/recording.hpp"
 #include "io/sensor_frames.hpp"
-#include "live/held_frames.hpp"
 #include "live/live_tracker.hpp"
 #include "live/stamp_validator.hpp"
 #include "live/waiting_frames.hpp"
@@ -113,7 +112,6 @@ class LiveEngine {
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
   bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
   void Settle(StampValidator::Verdict verdict);
-  void TakeHeld();
   template <class ShouldDrop>
   void DropAstray(const ShouldDrop& should_drop);
   void Take(CloudFrame frame, TimeNs stamp_ns);

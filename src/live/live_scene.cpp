@@ -92,14 +92,17 @@ bool LiveScene::Take(LoadedFrame* frame) {
 // Many frames wait during the warm-up: of each only what its plots need is kept.
 void LiveScene::Enqueue(std::int64_t bin, LoadedFrame* frame) {
   WaitingFrame& waiting = waiting_.Append();
-  waiting.info = frame->info;
   waiting.station = stations_.StationOf(frame->info.sensor);
   waiting.bin = bin;
-  std::swap(waiting.points_m, frame->points_m);
+  waiting.frame.frames.assign(1, frame->info);
+  waiting.frame.frames[0].first_return = 0;
+  waiting.frame.frames[0].last_return = static_cast<std::uint32_t>(frame->points_m.size());
+  std::swap(waiting.frame.points_m, frame->points_m);
   std::swap(waiting.voxels, voxels_);
-  waiting.times_ns.clear();
-  waiting.times_ns.reserve(frame->times_ns.size());
-  for (const TimeNs time_ns : frame->times_ns) waiting.times_ns.push_back(time_ns);
+  TimeList& times_ns = waiting.frame.times_ns;
+  times_ns.clear();
+  times_ns.reserve(frame->times_ns.size());
+  for (const TimeNs time_ns : frame->times_ns) times_ns.push_back(time_ns);
 }
 
 void LiveScene::Close() {
@@ -152,7 +155,7 @@ void LiveScene::Refit() {
 
 TimeNs LiveScene::MakePlots(const KnownTargets& targets) {
   WaitingFrame& frame = waiting_.front();
-  const TimeNs middle_ns = frame.info.middle_ns();
+  const TimeNs middle_ns = frame.middle_ns();
   MakePlotsOf(&frame, targets, &held_.Append());
   // The queue is never again as long as in the warm-up.
   if (num_warm_up_frames_ > 0) frame = WaitingFrame();
@@ -179,11 +182,7 @@ void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
 void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, SceneFrame* held) {
   const std::int64_t bin = waiting->bin;
   Station& station = scenes_[waiting->station];
-  std::swap(frame_.points_m, waiting->points_m);
-  std::swap(frame_.times_ns, waiting->times_ns);
-  frame_.frames.assign(1, waiting->info);
-  frame_.frames[0].first_return = 0;
-  frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
+  Recording& frame = waiting->frame;
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
     // Called for nearly every return of the first two minutes, so the cheap box is tested first.
     const Eigen::Vector3d place_m = (point_m + station.viewpoint_m).cast<double>();
@@ -192,15 +191,15 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
   };
   // By reference: a std::function would copy the lambda to the heap.
   FramePlots& found =
-      station.scene.FindPlots(bin, waiting->voxels, std::cref(is_known_target), &frame_);
-  held->info = frame_.frames[0];
+      station.scene.FindPlots(bin, waiting->voxels, std::cref(is_known_target), &frame);
+  held->info = frame.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
   held->bodies_m.clear();
   if (is_traced_) {
     const Eigen::Vector3f viewpoint_m = station.viewpoint_m + held->info.carrier.shift_m;
     for (const std::uint32_t i : found.body_returns) {
-      held->bodies_m.push_back(frame_.points_m[i] + viewpoint_m);
+      held->bodies_m.push_back(frame.points_m[i] + viewpoint_m);
     }
   }
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -218,10 +217,10 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
     Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
     std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);  // none is least
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
-      const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.ray_m;
       scatter_m2 += d * d.transpose();
       seen.facing_sums.Add(to_ray_axes * d);
-      const double after_s = unlidar::SecondsOf(frame_.times_ns[i] - seen.plot.time_ns);
+      const double after_s = unlidar::SecondsOf(frame.times_ns[i] - seen.plot.time_ns);
       seen.time_covariance_ms += (after_s * d).cast<float>();
       seen.time_scatter_s2 += static_cast<float>(after_s * after_s);
       dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);

@@ -9,7 +9,6 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "base/time_list.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_plot.hpp"
 #include "scene/clutter.hpp"
@@ -69,7 +68,7 @@ class LiveScene {
   std::size_t num_waiting() const { return waiting_.size(); }
 
   // Middle of the next waiting frame, since the start of the first frame; one must be waiting.
-  double NextTimeS() const { return SecondsOf(waiting_.front().info.middle_ns()); }
+  double NextTimeS() const { return SecondsOf(waiting_.front().middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
   // be warm and a frame must be waiting. `targets`: at NextTimeS().
@@ -89,12 +88,12 @@ class LiveScene {
  private:
   // A frame that was learned and waits for its plots.
   struct WaitingFrame {
-    FrameInfo info;
+    Recording frame;          // alone
     std::size_t station = 0;  // that learned it: the sensor may have been replaced since
     std::int64_t bin = 0;
-    std::vector<Eigen::Vector3f> points_m;
-    TimeList times_ns;
     OwnVoxels voxels;
+
+    TimeNs middle_ns() const { return frame.frames.front().middle_ns(); }
   };
 
   // State of one station, relative to its viewpoint.
@@ -165,7 +164,6 @@ class LiveScene {
   std::uint32_t num_frames_ = 0;        // with plots
   std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait
   std::vector<PlotRate> rates_;         // (sensors)
-  Recording frame_;                     // the one whose plots are made
 };
 
 }  // namespace unlidar

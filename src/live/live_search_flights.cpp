@@ -2,12 +2,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
+#include "live/track_follower.hpp"
 #include "scene/support.hpp"
 
 namespace unlidar {
@@ -25,12 +24,6 @@ constexpr double kStandingShare = 0.1;
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
   const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
   return Floats(path) || DisplacementM(plots).norm() > min_move_m;
-}
-
-std::vector<std::uint32_t> AllOf(std::size_t count) {
-  std::vector<std::uint32_t> all(count);
-  std::iota(all.begin(), all.end(), 0U);
-  return all;
 }
 
 }  // namespace
@@ -123,7 +116,7 @@ const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
   SetPath(path.plots);
   const PathScorer scorer = Scorer(TimeOutOfView::kNone);
-  pruned_ = scorer.WithScore(AllOf(path_plots_.size()));
+  pruned_ = scorer.WithScore(NumbersBelow(path_plots_.size()));
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
   for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
@@ -136,7 +129,7 @@ const Path& LiveSearch::Pruned(const Path& path) {
 // shorter one must be a path by itself that is no drone.
 std::vector<std::uint32_t> LiveSearch::LeftAtPauses() const {
   Path path;
-  path.plots = AllOf(path_plots_.size());
+  path.plots = NumbersBelow(path_plots_.size());
   if (!config_.robust.Uses(Rule::kPause)) return path.plots;
   const auto other_side_of = [&](const auto& before, const auto& after) {
     const TimeNs pause_ns = path_plots_[after.front()].time_ns - path_plots_[before.back()].time_ns;
@@ -243,13 +236,14 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
 Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
   Path whole;
   whole.plots = ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
-                                frame_time_.frames_before, models_, config_);
+                                frame_time_.frames_before, models_, config_.robust);
   const std::size_t num_past = whole.plots.size();
   whole.plots.insert(whole.plots.end(), members.begin(), members.end());
   SetPath(whole.plots);
   DropFirst(std::min<std::size_t>(LeftAtPauses().front(), num_past), &whole.plots);
   SetPath(whole.plots);
-  whole.score = Scorer(TimeOutOfView::kLogUniform).WithScore(AllOf(whole.plots.size())).score;
+  whole.score =
+      Scorer(TimeOutOfView::kLogUniform).WithScore(NumbersBelow(whole.plots.size())).score;
   return whole;
 }
 

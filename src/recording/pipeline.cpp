@@ -10,7 +10,6 @@
 #include "base/format.hpp"
 #include "base/maths.hpp"
 #include "io/frame_clock.hpp"
-#include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"
 #include "scene/sway.hpp"

@@ -1,5 +1,4 @@
-#include "recording/windows.hpp"
-
+// Targets of recordings of any length, in bounded memory.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
+#include "recording/robust.hpp"
 
 namespace unlidar {
 namespace {
@@ -89,10 +89,8 @@ class WindowSearch {
 
   // The stamp of the first frame that is not before a time.
   TimeNs NextStampNs(TimeNs from_ns) const {
-    for (const FrameInfo& frame : window_.frames) {
-      if (frame.stamp_ns >= from_ns) return frame.stamp_ns;
-    }
-    return next_stamp_ns_;
+    const auto next = FirstFrom(window_.frames, &FrameInfo::stamp_ns, from_ns);
+    return next != window_.frames.end() ? next->stamp_ns : next_stamp_ns_;
   }
 
   RobustResult Finish(Recording* recording) {
@@ -141,9 +139,7 @@ class WindowSearch {
  private:
   // Forgets the frames before a stamp.
   void DropBefore(TimeNs stamp_ns) {
-    const auto first =
-        std::find_if(window_.frames.begin(), window_.frames.end(),
-                     [&](const FrameInfo& frame) { return frame.stamp_ns >= stamp_ns; });
+    const auto first = FirstFrom(window_.frames, &FrameInfo::stamp_ns, stamp_ns);
     const std::uint32_t gone = first == window_.frames.begin() ? 0 : std::prev(first)->last_return;
     first_frame_ += static_cast<std::uint64_t>(first - window_.frames.begin());
     window_.frames.erase(window_.frames.begin(), first);

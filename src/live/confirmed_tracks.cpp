@@ -109,10 +109,6 @@ KnownTargets ConfirmedTracks::TargetsAt(double time_s) {
   return targets;
 }
 
-double ConfirmedTracks::ScoreOf(const Flight& flight) const {
-  return TrackFollower(flight, models_, config_.robust).score();
-}
-
 bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
@@ -250,7 +246,7 @@ void ConfirmedTracks::Predict(TimeNs newest_ns) {
     const std::optional<TrajectoryRow> row = rows.Next();
     if (!row) continue;
     const TimeNs seen_ns = track.follower->last_evidence_ns() + track.follower->time_bias_ns();
-    const double unseen_s = static_cast<double>(newest_ns - seen_ns) * kSecondsPerNs;
+    const double unseen_s = SecondsOf(newest_ns - seen_ns);
     on_event_(TrackPredicted{*row, std::max(unseen_s, 0.0), track.kind.kind()});
   }
 }

@@ -51,7 +51,9 @@ class ConfirmedTracks {
   KnownTargets TargetsAt(double time_s);
 
   // Score of a flight as a track.
-  double ScoreOf(const Flight& flight) const;
+  double ScoreOf(const Flight& flight) const {
+    return TrackFollower(flight, models_, config_.robust).score();
+  }
 
   // True if a track is near at least half of the plots: a drone may yield two plots in a frame.
   bool HasTrackOf(const Flight& flight) const;

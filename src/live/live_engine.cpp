@@ -101,8 +101,7 @@ bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeN
          held_.Has(frame.sensor, stamp_ns);
 }
 
-template <class ShouldDrop>
-void LiveEngine::DropAstray(const ShouldDrop& should_drop) {
+void LiveEngine::DropAstray(const HeldFrames::Condition& should_drop) {
   while (held_.TakeOverflow(should_drop, &taken_)) {
     ++astray_.count;
     astray_.sensor = taken_.frame.sensor;
@@ -135,18 +134,14 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
   waiting_.Add(stamp_ns);
   if (is_endless_) return;
   Release(SettledNs());
-  DropOverflow();
-  if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
-}
-
-void LiveEngine::DropOverflow() {
   while (const std::optional<LoadedFrame> dropped = waiting_.TakeOverflow()) {
     overflow_.sensor = dropped->info.sensor;
     ++overflow_.count;
     --counts_.frames;
-    std::vector<TimeNs>& stamps_ns = sensors_[overflow_.sensor].stamps_ns;
-    stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->file.stamp_ns));
+    std::vector<TimeNs>& left_ns = sensors_[overflow_.sensor].stamps_ns;
+    left_ns.erase(std::lower_bound(left_ns.begin(), left_ns.end(), dropped->file.stamp_ns));
   }
+  if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
 }
 
 void LiveEngine::CheckUnits(std::uint32_t index) {
@@ -216,9 +211,6 @@ void LiveEngine::Restart() {
   }
   stamps_.Begin();
 }
-
-// Frames with stamps before this time are too late.
-TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame just taken.
 void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {

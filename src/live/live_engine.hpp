@@ -112,15 +112,14 @@ class LiveEngine {
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
   bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
   void Settle(StampValidator::Verdict verdict);
-  template <class ShouldDrop>
-  void DropAstray(const ShouldDrop& should_drop);
+  void DropAstray(const HeldFrames::Condition& should_drop);
   void Take(CloudFrame frame, TimeNs stamp_ns);
-  void DropOverflow();
   void CheckUnits(std::uint32_t index);  // throws only if every sensor's unit is wrong
   bool IsBeyondWindow(TimeNs stamp_ns) const;
   void EndTracks();
   void Restart();
-  TimeNs SettledNs() const;
+  // Frames with stamps before this time are too late.
+  TimeNs SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
   void ReportSensorStates(std::optional<std::uint32_t> heard);
   void RemoveSway(LoadedFrame* frame);
   void UpdateSensorHealth(const LoadedFrame& frame);

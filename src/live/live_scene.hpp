@@ -68,7 +68,7 @@ class LiveScene {
   std::size_t num_waiting() const { return waiting_.size(); }
 
   // Middle of the next waiting frame, since the start of the first frame; one must be waiting.
-  double NextTimeS() const { return SecondsOf(waiting_.front().middle_ns()); }
+  double NextTimeS() const { return SecondsSinceBegin(waiting_.front().middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
   // be warm and a frame must be waiting. `targets`: at NextTimeS().
@@ -98,18 +98,16 @@ class LiveScene {
 
   // State of one station, relative to its viewpoint.
   struct Station {
-    Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
-
     Eigen::Vector3f viewpoint_m;
+    StationScene scene;  // fitted when it is warm
+    ClutterModel clutter;
+    FloatingPlots floating;
     bool has_begun = false;
     TimeNs begin_ns = 0;
     TimeNs search_from_ns = 0;                // earlier frames are used for clutter only,
     Rejection learning = Rejection::kWarmUp;  // for this reason
-    StationScene scene;                       // fitted when it is warm
-    ClutterModel clutter;
-    FloatingPlots floating;
-    std::size_t num_lookahead_frames = 0;  // in the clutter and not judged yet
-    Queue<BodyBox> bodies;
+    std::size_t num_lookahead_frames = 0;     // in the clutter and not judged yet
+    Queue<BodyBox> bodies = {};
   };
 
   // Mean number of plots per frame of a sensor.
@@ -122,10 +120,10 @@ class LiveScene {
   };
 
   bool IsSurge(const SceneFrame& frame);
-  double SecondsOf(TimeNs time_ns) const;
+  double SecondsSinceBegin(TimeNs time_ns) const { return SecondsOf(time_ns - begin_ns_); }
   double SecondsOfBin(std::int64_t bin) const;
   std::int64_t BinOf(TimeNs time_ns);
-  Station& StationOf(std::uint32_t sensor);
+  Station& StationOf(std::uint32_t sensor) { return scenes_[stations_.StationOf(sensor)]; }
   void WarmUp();
   void WarmUpLate(Station* station);
   void Refit();

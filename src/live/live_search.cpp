@@ -32,13 +32,13 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   const RobustConfig& robust = config_.robust;
   const TrackerConfig& tracker = robust.tracker;
   for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
-    if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
-    models_[m].SetScanSchedule(scan_schedule_);
-    if (searches_.size() <= m) {
+    if (models_.size() <= m) {
+      models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
       searches_.emplace_back(
           log_births_, free_, models_[m], tracker,
           robust.Uses(Rule::kGroundPast) ? robust.off_ground_m : kNoGroundTargetsM, true);
     }
+    models_[m].SetScanSchedule(scan_schedule_);
     searches_[m].SetModel(models_[m]);
   }
 }

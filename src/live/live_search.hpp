@@ -122,7 +122,6 @@ class LiveSearch {
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
   std::vector<std::uint32_t> LeftAtPauses() const;
   PathGates Gates() const;  // of path_plots_
-  Rejection JudgeFlight(const std::vector<std::uint32_t>& numbers);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);
   bool IsCrowded() const;

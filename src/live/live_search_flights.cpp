@@ -169,21 +169,15 @@ Rejection LiveSearch::Judge(const Path& path) {
   const Rejection of_likelier = RejectionOfLikelier(flight_members_);
   is_of_likelier_ = of_likelier != Rejection::kNone;
   if (is_of_likelier_) return of_likelier;
-  const Rejection rejection = JudgeFlight(left);
+  Rejection rejection = Gates().RejectionOf(left);
+  if (rejection == Rejection::kNone) {
+    flight_plots_ = ValuesAt(left, path_plots_);
+    flight_ = FlightOf(flight_members_);
+    const bool is_at_rest = !MovesOrFloats(flight_.plots, flight_plots_);
+    if (config_.robust.Uses(Rule::kStationary) && is_at_rest) rejection = Rejection::kStationary;
+  }
   Refuse(flight_members_, rejection);
   return rejection;
-}
-
-// Judges and sets the flight of these of path_plots_, which are flight_members_.
-Rejection LiveSearch::JudgeFlight(const std::vector<std::uint32_t>& numbers) {
-  const Rejection rejection = Gates().RejectionOf(numbers);
-  if (rejection != Rejection::kNone) return rejection;
-  flight_plots_ = ValuesAt(numbers, path_plots_);
-  flight_ = FlightOf(flight_members_);
-  if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
-    return Rejection::kStationary;
-  }
-  return Rejection::kNone;
 }
 
 // True if more other plots lie within reach of the flight than it has itself.

@@ -40,10 +40,12 @@ class LiveTracker {
   void Take(LoadedFrame* frame);
 
   // Emits the rows that are due when `newest_ns` is the newest stamp.
-  void EmitRows(TimeNs newest_ns);
+  void EmitRows(TimeNs newest_ns) {
+    scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
+  }
 
   // Emits where the confirmed tracks are at the newest stamp.
-  void Predict(TimeNs newest_ns);
+  void Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
 
   // Searches as far as possible, given that no frame with a stamp before `settled_ns` will follow,
   // and emits the rows that are due at `now_ns`.
@@ -59,7 +61,9 @@ class LiveTracker {
 
  private:
   void MakePlots(std::size_t max_frames);
-  void SearchUntil(TimeNs until_ns);
+  void SearchUntil(TimeNs until_ns) {
+    while (scene_.Next(until_ns, &frame_)) Search();
+  }
   void Search();
   void Confirm();
   PathDecision Decide(const Path& path);

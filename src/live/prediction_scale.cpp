@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/maths.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -78,7 +79,7 @@ double MeanVariance(const Shares& shares) {
 PredictionScale::PredictionScale() : shares_(TheChain().prior) {}
 
 double PredictionScale::ShareKept(TimeNs time_ns) const {
-  const double elapsed_s = static_cast<double>(time_ns - time_ns_) * kSecondsPerNs;
+  const double elapsed_s = SecondsOf(time_ns - time_ns_);
   return std::exp(-std::max(elapsed_s, 0.0) / kHoldingTimeS);
 }
 

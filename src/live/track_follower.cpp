@@ -275,10 +275,6 @@ bool TrackFollower::IsLost(double time_s) const {
   return time_s - NodeAt(NewestConfirmed()).h.time_s > kMaxCoastS;
 }
 
-TimeNs TrackFollower::last_evidence_ns() const {
-  return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns;
-}
-
 // Plot of the best hypothesis, unless a new target explains the plots since the confirmed one as
 // well.
 TimeNs TrackFollower::last_tentative_ns() const {

@@ -73,7 +73,7 @@ class TrackFollower {
   void GetLikeliestPath(std::vector<LivePlot>* plots) const;
 
   // Time of the newest confirmed plot.
-  TimeNs last_evidence_ns() const;
+  TimeNs last_evidence_ns() const { return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns; }
   // Time of the newest plot that may belong to the target.
   TimeNs last_tentative_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }

@@ -59,7 +59,7 @@ void TrackFollower::AddToTimings(const Node& node, std::vector<SensorTiming>* ti
   if (plot.streak_s == 0.0) return;
   Streak streak;
   streak.length_s = plot.streak_s;
-  streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
+  streak.stamp_s = SecondsOf(PlotOf(node).stamp_ns - plot.frame_time_ns);
   streak.num_returns = static_cast<double>(plot.num_returns);
   streak.scatter_m2 = PlotOf(node).scatter_m2.Full();
   streak.ray_m = plot.ray_m;

@@ -40,8 +40,24 @@ bool HeldFrames::TakeAt(HeldIterator position, Held* taken) {
   return true;
 }
 
-bool HeldFrames::IsOverfull() const {
-  return held_.size() > kMaxFrames || (held_.size() > 1 && points_ > kMaxPoints);
+bool HeldFrames::TakeEarliest(const Condition& is_due, Held* taken) {
+  HeldIterator earliest = held_.end();
+  for (HeldIterator at = held_.begin(); at != held_.end(); ++at) {
+    const bool is_earlier =
+        earliest == held_.end() || std::make_pair(at->time_ns, at->frame.sensor) <
+                                       std::make_pair(earliest->time_ns, earliest->frame.sensor);
+    if (is_earlier && is_due(at->frame.sensor, at->time_ns)) earliest = at;
+  }
+  return TakeAt(earliest, taken);
+}
+
+bool HeldFrames::TakeOverflow(const Condition& should_drop, Held* taken) {
+  const HeldIterator found = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
+    return should_drop(held.frame.sensor, held.time_ns);
+  });
+  if (found != held_.end()) return TakeAt(found, taken);
+  const bool is_overfull = held_.size() > kMaxFrames || (held_.size() > 1 && points_ > kMaxPoints);
+  return is_overfull && TakeAt(OldestOfBusiestSensor(), taken);
 }
 
 HeldFrames::HeldIterator HeldFrames::OldestOfBusiestSensor() {

@@ -1,9 +1,9 @@
 // Frames of a stream that wait, in bounded memory.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -39,50 +39,29 @@ class HeldFrames {
     CloudFrame frame;
   };
 
+  // On a frame: its sensor and time.
+  using Condition = std::function<bool(std::uint32_t sensor, TimeNs time_ns)>;
+
   bool empty() const { return held_.empty(); }
   bool Has(std::uint32_t sensor, TimeNs time_ns) const;
   void Add(CloudFrame frame, TimeNs time_ns);
 
-  // Takes the earliest frame for which `is_due(sensor, time_ns)`; returns false if there is none.
-  template <class IsDue>
-  bool TakeEarliest(const IsDue& is_due, Held* taken);
+  // Takes the earliest frame that is due; returns false if there is none.
+  bool TakeEarliest(const Condition& is_due, Held* taken);
 
-  // Takes a frame to drop: one for which `should_drop(sensor, time_ns)`, else, if over the limits,
-  // the oldest frame of the sensor that holds the most. Returns false if there is none.
-  template <class ShouldDrop>
-  bool TakeOverflow(const ShouldDrop& should_drop, Held* taken);
+  // Takes a frame to drop: one that should be, else, if over the limits, the oldest frame of the
+  // sensor that holds the most. Returns false if there is none.
+  bool TakeOverflow(const Condition& should_drop, Held* taken);
 
  private:
   using HeldIterator = std::vector<Held>::iterator;
 
   bool TakeAt(HeldIterator position, Held* taken);
   HeldIterator OldestOfBusiestSensor();
-  bool IsOverfull() const;
 
   std::vector<Held> held_;  // in order of arrival
   std::size_t points_ = 0;
 };
-
-template <class IsDue>
-bool HeldFrames::TakeEarliest(const IsDue& is_due, Held* taken) {
-  HeldIterator earliest = held_.end();
-  for (HeldIterator at = held_.begin(); at != held_.end(); ++at) {
-    const bool is_earlier =
-        earliest == held_.end() || std::make_pair(at->time_ns, at->frame.sensor) <
-                                       std::make_pair(earliest->time_ns, earliest->frame.sensor);
-    if (is_earlier && is_due(at->frame.sensor, at->time_ns)) earliest = at;
-  }
-  return TakeAt(earliest, taken);
-}
-
-template <class ShouldDrop>
-bool HeldFrames::TakeOverflow(const ShouldDrop& should_drop, Held* taken) {
-  const HeldIterator found = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
-    return should_drop(held.frame.sensor, held.time_ns);
-  });
-  if (found != held_.end()) return TakeAt(found, taken);
-  return IsOverfull() && TakeAt(OldestOfBusiestSensor(), taken);
-}
 
 // Frames that wait until no frame with an earlier stamp can follow. Memory of removed frames is
 // reused.

@@ -137,7 +137,12 @@ void ConfirmedTracks::Judge(const RecentPlots& seen, double time_s, bool may_wai
       const std::optional<TrackValidator::Verdict> before = track->verdict;
       track->verdict = validator_.Judge(track->number, follower, track->is_reported, seen, time_s,
                                         track->verdict);
-      TraceVerdict(*track, before);
+      const TrackValidator::Verdict& now = *track->verdict;
+      const bool is_known =
+          before && before->rejection == now.rejection && before->is_final == now.is_final;
+      if (now.rejection != Rejection::kNone && !is_known) {
+        Trace(*track, now.is_final ? TrackState::kRejected : TrackState::kWaiting, now.rejection);
+      }
     }
     if (track->is_reported && track->verdict->is_final) {
       ReportEnd(*track);
@@ -192,16 +197,6 @@ void ConfirmedTracks::Forget(TimeNs oldest_ns) {
 void ConfirmedTracks::ReportEnd(const Track& track) {
   if (!track.is_reported) return;
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
-}
-
-// Traces the verdict on a track if it differs from `before`, the one that preceded it.
-void ConfirmedTracks::TraceVerdict(const Track& track,
-                                   const std::optional<TrackValidator::Verdict>& before) {
-  const Rejection rejection = track.verdict->rejection;
-  const bool is_final = track.verdict->is_final;
-  if (rejection == Rejection::kNone) return;
-  if (before && before->rejection == rejection && before->is_final == is_final) return;
-  Trace(track, is_final ? TrackState::kRejected : TrackState::kWaiting, rejection);
 }
 
 void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection rejection) {

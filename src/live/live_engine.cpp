@@ -37,14 +37,14 @@ LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sen
 
 std::uint32_t LiveEngine::AddSensor(const std::string& name) {
   const auto index = static_cast<std::uint32_t>(sensors_.size());
-  sensors_.emplace_back(FramesOf(index, name));
+  sensors_.push_back({FramesOf(index, name)});
   stamps_.AddSensor();
   return index;
 }
 
 void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
   DropAstray([&](std::uint32_t held, TimeNs) { return held == sensor; });
-  sensors_[sensor] = Sensor(FramesOf(sensor, name));
+  sensors_[sensor] = {FramesOf(sensor, name)};
   stamps_.Replace(sensor);
   sway_.Forget(sensor);
   warned_of_.erase(warned_of_.lower_bound({sensor, ""}), warned_of_.lower_bound({sensor + 1, ""}));
@@ -201,7 +201,7 @@ void LiveEngine::Restart() {
   tracker->ContinueNumbers(*tracker_);
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    Sensor fresh(FramesOf(i, sensors_[i].frames.info().name));
+    Sensor fresh{FramesOf(i, sensors_[i].frames.info().name)};
     // Independent of clocks:
     fresh.sensor_health = std::move(sensors_[i].sensor_health);
     fresh.pose = std::move(sensors_[i].pose);
@@ -236,7 +236,6 @@ void LiveEngine::RemoveSway(LoadedFrame* frame) {
   if (warning) Warn(frame->info.sensor, {*warning});
 }
 
-// Updates blinding and pose checks of a sensor from a frame.
 void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
   const SensorInfo& info = sensor.frames.info();

@@ -80,7 +80,6 @@ class LiveEngine {
   const DroppedFrames& overflow_frames() const { return overflow_; }
   const std::vector<Warning>& warnings() const { return warnings_; }
 
-  // Returns the state last reported.
   SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
 
   // True if its last frame was held: its clock differs from that of the other sensors.
@@ -96,17 +95,15 @@ class LiveEngine {
 
  private:
   struct Sensor {
-    explicit Sensor(SensorFrames its_frames) : frames(std::move(its_frames)) {}
-
     SensorFrames frames;
     TimeNs newest_ns = 0;
     SensorState state = SensorState::kSilent;  // last reported
-    SensorHealth sensor_health;
-    PoseCheck pose;
+    SensorHealth sensor_health = {};
+    PoseCheck pose = {};
     bool was_heard = false;      // at least one frame was taken
     bool is_not_metres = false;  // its coordinates cannot be metres
     TimeNs reported_period_ns = 0;
-    std::vector<TimeNs> stamps_ns;  // of frames that may still be repeated, ascending
+    std::vector<TimeNs> stamps_ns = {};  // of frames that may still be repeated, ascending
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;

@@ -64,7 +64,6 @@ class LiveScene {
   // No frame will follow: ends the warm-up.
   void Close();
 
-  // Number of frames waiting for MakePlots().
   std::size_t num_waiting() const { return waiting_.size(); }
 
   // Middle of the next waiting frame, since the start of the first frame; one must be waiting.

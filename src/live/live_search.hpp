@@ -34,7 +34,6 @@ class LiveSearch {
   // every place may have changed.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
-  // Same as ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
   const SensorInfo& SensorAt(std::uint32_t sensor) const { return recent_.sensors[sensor]; }
@@ -116,14 +115,14 @@ class LiveSearch {
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
-  void Refuse(const std::vector<std::uint32_t>& members, Rejection rejection);
-  Rejection RejectionOfLikelier(const std::vector<std::uint32_t>& members) const;
-  void SetPath(const std::vector<std::uint32_t>& members);  // sets path_plots_
+  void Refuse(const Members& members, Rejection rejection);
+  Rejection RejectionOfLikelier(const Members& members) const;
+  void SetPath(const Members& members);  // sets path_plots_
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
-  std::vector<std::uint32_t> LeftAtPauses() const;
+  Members LeftAtPauses() const;
   PathGates Gates() const;  // of path_plots_
-  Flight FlightOf(const std::vector<std::uint32_t>& members) const;
-  Path FollowedBack(const std::vector<std::uint32_t>& members);
+  Flight FlightOf(const Members& members) const;
+  Path FollowedBack(const Members& members);
   bool IsCrowded() const;
   double CrowdingPenaltyOfFlight() const;
 
@@ -149,7 +148,7 @@ class LiveSearch {
   std::vector<Plot> path_plots_;         // of the path that is looked at
   std::vector<double> path_log_births_;  // (path_plots_)
   Path pruned_;
-  std::vector<std::uint32_t> flight_members_;  // recent plots of flight_
+  Members flight_members_;  // recent plots of flight_
   Flight flight_;
   std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;

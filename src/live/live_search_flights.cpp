@@ -33,7 +33,7 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
-void LiveSearch::SetPath(const std::vector<std::uint32_t>& members) {
+void LiveSearch::SetPath(const Members& members) {
   path_plots_.clear();
   path_log_births_.clear();
   for (const std::uint32_t i : members) {
@@ -61,7 +61,7 @@ Rejection LiveSearch::StandingRejection(const Path& path) {
 }
 
 // Gives the plots of a path of this frame to what it is of, if that is no drone.
-void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rejection) {
+void LiveSearch::Refuse(const Members& members, Rejection rejection) {
   if (!TellsNoDrone(rejection)) return;
   for (const std::uint32_t i : members) refusals_[i] = {num_scans_, rejection};
 }
@@ -89,7 +89,7 @@ void LiveSearch::GetGroundGains(const SceneFrame& frame, std::vector<double>* ga
 
 // Returns the rule that refused the likelier paths of this frame to which most of these plots
 // belong: a path of some of them and of strays would pass it.
-Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& members) const {
+Rejection LiveSearch::RejectionOfLikelier(const Members& members) const {
   if (!config_.robust.Uses(Rule::kLikelierRefusal)) return Rejection::kNone;
   std::size_t num_refused = 0;
   Rejection rejection = Rejection::kNone;
@@ -127,7 +127,7 @@ const Path& LiveSearch::Pruned(const Path& path) {
 // paths of a recording join. A higher score is not enough for that: a few strays before a long
 // pause raise it, too, though they explain themselves as well without what comes after it. Before a
 // shorter one must be a path by itself that is no drone.
-std::vector<std::uint32_t> LiveSearch::LeftAtPauses() const {
+Members LiveSearch::LeftAtPauses() const {
   Path path;
   path.plots = NumbersBelow(path_plots_.size());
   if (!config_.robust.Uses(Rule::kPause)) return path.plots;
@@ -144,8 +144,7 @@ PathGates LiveSearch::Gates() const {
   return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_, config_.robust};
 }
 
-// The flight of these recent plots.
-Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
+Flight LiveSearch::FlightOf(const Members& members) const {
   Flight flight;
   for (const std::uint32_t i : members) {
     flight.plots.push_back(recent_plots_[i]);
@@ -161,7 +160,7 @@ Rejection LiveSearch::Judge(const Path& path) {
   flight_members_ = path.plots;
   if (!IsFree(path)) return Rejection::kSharesReturns;
   SetPath(path.plots);
-  const std::vector<std::uint32_t> left = LeftAtPauses();
+  const Members left = LeftAtPauses();
   if (left.front() > 0) {
     cuts_.push_back({Rejection::kPause, left.front()});
     DropFirst(left.front(), &flight_members_);
@@ -189,16 +188,12 @@ bool LiveSearch::IsCrowded() const {
       return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
     });
   };
+  const Members& own = flight_members_;
   std::size_t others = 0;
-  auto own = flight_members_.begin();
-  for (std::uint32_t i = 0; i < recent_plots_.size(); ++i) {
-    if (own != flight_members_.end() && *own == i) {
-      ++own;
-    } else if (is_about(recent_plots_[i]) && ++others > flight.size()) {
-      return true;
-    }
+  for (std::uint32_t i = 0; i < recent_plots_.size() && others <= flight.size(); ++i) {
+    if (is_about(recent_plots_[i]) && !std::binary_search(own.begin(), own.end(), i)) ++others;
   }
-  return false;
+  return others > flight.size();
 }
 
 double LiveSearch::CrowdingPenaltyOfFlight() const {
@@ -214,7 +209,7 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
   }
   const std::vector<char> are_free(free_.begin() + static_cast<std::ptrdiff_t>(num_before),
                                    free_.end());
-  std::vector<std::uint32_t> own = flight_members_;
+  Members own = flight_members_;
   for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
   return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {
     const auto is_about = [&](const FrameInfo& frame) {
@@ -227,7 +222,7 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
 }
 
 // Plots of a flight and those before it, back to a pause across which it is not one target.
-Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
+Path LiveSearch::FollowedBack(const Members& members) {
   Path whole;
   whole.plots = ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
                                 frame_time_.frames_before, models_, config_.robust);

@@ -44,10 +44,6 @@ void LiveTrace::AddPath(const Path& path, const std::vector<PathCut>& cuts,
   sink_(TracedPath{path, *seen_, cuts, decision, score_threshold_});
 }
 
-void LiveTrace::EndFrame(const SensorInfo& sensor, const SceneFrame& frame) {
-  sink_(TracedFrame{sensor, frame, verdicts_, score_threshold_});
-}
-
 void LiveTrace::AddUnsearched(const SensorInfo& sensor, const FrameInfo& info,
                               std::size_t num_returns) {
   SceneFrame frame;

@@ -1,6 +1,5 @@
 #include "live/track_follower.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -29,7 +28,7 @@ constexpr double kAgilityChangeLog = -8.0;
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
     const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots) {
   const TrackModel judge = model.With(TimeOutOfView::kLogUniform);
-  const auto way_of = [&](const std::vector<std::uint32_t>& members) {
+  const auto way_of = [&](const Members& members) {
     std::vector<std::pair<std::size_t, Hypothesis>> way;
     Hypothesis h = confirmed;
     for (const std::uint32_t i : members) {
@@ -38,13 +37,13 @@ std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
     }
     return way;
   };
-  const auto with_score = [&](std::vector<std::uint32_t> members) {
+  const auto with_score = [&](Members members) {
     const double score = way_of(members).back().second.score;
     return Path{std::move(members), score};
   };
   Path path = with_score(NumbersBelow(plots.size()));
   const auto without = [&](std::size_t first, std::size_t last) {
-    std::vector<std::uint32_t> rest = path.plots;
+    Members rest = path.plots;
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
                rest.begin() + static_cast<std::ptrdiff_t>(last));
     return with_score(std::move(rest));

@@ -68,9 +68,10 @@ class TrackFollower {
   // Makes the associations until `until_ns` final, and appends the plots that this settles.
   void Settle(TimeNs until_ns, std::vector<LivePlot>* settled);
 
-  // Appends the plots of the path with the highest score, before any are settled. A target that
-  // may be gone after any plot is not charged for missed detections behind its last one.
-  void GetLikeliestPath(std::vector<LivePlot>* plots) const;
+  // Returns the plots of the path with the highest score, the last one first, before any are
+  // settled. A target that may be gone after any plot is not charged for missed detections behind
+  // its last one.
+  std::vector<LivePlot> LikeliestPath() const;
 
   // Time of the newest confirmed plot.
   TimeNs last_evidence_ns() const { return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns; }
@@ -78,7 +79,6 @@ class TrackFollower {
   TimeNs last_tentative_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }
 
-  // Fits the trajectory to the recent plots.
   void Fit(TrajectoryFitter& fitter);
   const TrackFit& fit() const { return fit_; }
   // True if plots were added since the last fit.

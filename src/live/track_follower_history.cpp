@@ -1,11 +1,7 @@
 // History of a followed track: its fit, its settled plots, the nodes that they need, and what a
 // flight followed back in time adds to it.
-#include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <limits>
-#include <utility>
 
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
@@ -155,11 +151,12 @@ std::int32_t TrackFollower::LikeliestEnd() const {
   return static_cast<std::int32_t>(best - nodes_.begin());
 }
 
-void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
+std::vector<LivePlot> TrackFollower::LikeliestPath() const {
+  std::vector<LivePlot> plots;
   for (std::int32_t at = LikeliestEnd(); at != kNoIndex; at = NodeAt(at).parent) {
-    plots->push_back(PlotOf(NodeAt(at)));
+    plots.push_back(PlotOf(NodeAt(at)));
   }
-  std::reverse(plots->begin(), plots->end());
+  return plots;
 }
 
 // Marks a leaf and its ancestors as kept, back to those that are settled and before `from_s`.
@@ -248,9 +245,7 @@ std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlo
                     FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
   }
   std::vector<std::uint32_t> past;
-  std::vector<LivePlot> path;
-  follower.GetLikeliestPath(&path);
-  for (const LivePlot& one : path) {
+  for (const LivePlot& one : follower.LikeliestPath()) {
     const auto is_same_plot = [&](const LivePlot& other) {
       return other.plot.frame == ~one.plot.frame && other.plot.position_m == one.plot.position_m;
     };

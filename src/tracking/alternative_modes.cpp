@@ -16,8 +16,6 @@
 namespace unlidar {
 namespace {
 
-using Members = std::vector<std::uint32_t>;
-
 // A plot of a hypothesis.
 struct Step {
   std::uint32_t plot = 0;
@@ -29,6 +27,7 @@ struct Step {
 struct AlternativePath {
   std::vector<Step> steps;  // from the first plot on
   double score = 0.0;       // including missed detections since the last step
+  std::size_t model = 0;    // index
 };
 
 // Modes of lower probability would increase no sigma by more than 0.5 %.
@@ -104,10 +103,10 @@ class AlternativePaths {
   // last plot.
   std::vector<AlternativeMode> AlternativeModes(double log_evidence_ratio) const {
     double best = -std::numeric_limits<double>::infinity();
-    for (const auto& [alternative, model] : alternatives_) best = std::max(best, alternative.score);
+    for (const AlternativePath& one : alternatives_) best = std::max(best, one.score);
     std::vector<double> weights;
     double all = 0.0;
-    for (const auto& [alternative, model] : alternatives_) {
+    for (const AlternativePath& alternative : alternatives_) {
       weights.push_back(std::exp(alternative.score - best -
                                  (IsReportedPath(alternative) ? 0.0 : log_evidence_ratio)));
       all += weights.back();
@@ -120,10 +119,10 @@ class AlternativePaths {
       Eigen::Vector3d square_sum_m2 = Eigen::Vector3d::Zero();
       const auto own = After(tail_, time_ns);
       for (std::size_t k = 0; k < alternatives_.size(); ++k) {
-        const auto& [alternative, model] = alternatives_[k];
+        const AlternativePath& alternative = alternatives_[k];
         const std::size_t next = After(alternative.steps, time_ns);
         if (IsOnReportedPath(alternative, next, own)) continue;
-        const auto [position_m, variance_m2] = At(alternative, next, models_[model], time_ns);
+        const auto [position_m, variance_m2] = At(alternative, next, time_ns);
         const Eigen::Vector3d from_origin_m = position_m - plots_[tail_.front().plot].position_m;
         sum += weights[k];
         mode.position_m += weights[k] * from_origin_m;
@@ -170,6 +169,7 @@ class AlternativePaths {
     for (const Hypothesis& last : hypotheses) {
       if (last.score < min_score) continue;
       AlternativePath alternative;
+      alternative.model = model;
       alternative.score = models_[model].ScoreAfterMisses(last, end_);
       if (alternative.score < min_score) continue;
       for (const Hypothesis* h = &last; h != nullptr;
@@ -177,7 +177,7 @@ class AlternativePaths {
         alternative.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
       }
       std::reverse(alternative.steps.begin(), alternative.steps.end());
-      alternatives_.push_back({std::move(alternative), model});
+      alternatives_.push_back(std::move(alternative));
     }
   }
 
@@ -223,7 +223,8 @@ class AlternativePaths {
   // Position according to an alternative, and variance per axis: predicted from the plot before and
   // updated with the plot after, if there is one.
   std::pair<Eigen::Vector3d, double> At(const AlternativePath& alternative, std::size_t next,
-                                        const TrackModel& model, TimeNs time_ns) const {
+                                        TimeNs time_ns) const {
+    const TrackModel& model = models_[alternative.model];
     const Step& from = alternative.steps[next - 1];
     const Motion to_here = model.MotionOver(Seconds(time_ns) - from.time_s);
     const Eigen::Matrix3d mean = from.state.mean * to_here.transition.transpose();
@@ -249,7 +250,7 @@ class AlternativePaths {
   std::vector<TimeNs> frames_ns_;
   FrameTime end_;  // of the last frame
   std::vector<TrackModel> models_;
-  std::vector<std::pair<AlternativePath, std::size_t>> alternatives_;  // with index of the model
+  std::vector<AlternativePath> alternatives_;
 };
 
 }  // namespace

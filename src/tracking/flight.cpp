@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <set>
-#include <utility>
 
 #include "base/algorithms.hpp"
 
@@ -22,9 +21,9 @@ double LowestM(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns
 }
 
 // Numbers of the plots above a height over ground, as are all others close in time.
-std::vector<std::uint32_t> NumbersAbove(const std::vector<Plot>& path, double height_m) {
+Members NumbersAbove(const std::vector<Plot>& path, double height_m) {
   constexpr TimeNs kMarginNs = 750'000'000;
-  std::vector<std::uint32_t> numbers;
+  Members numbers;
   for (std::uint32_t i = 0; i < path.size(); ++i) {
     if (LowestM(path, path[i], kMarginNs) > height_m) numbers.push_back(i);
   }
@@ -161,8 +160,7 @@ bool IsPassedAtRest(const std::vector<Plot>& path) {
 }
 
 // Plots near a path that are neither its own nor those of targets, in the order of `plots`.
-std::vector<const Plot*> OthersNear(const std::vector<std::uint32_t>& path,
-                                    const std::vector<Plot>& plots,
+std::vector<const Plot*> OthersNear(const Members& path, const std::vector<Plot>& plots,
                                     const std::vector<char>& are_free) {
   Eigen::AlignedBox3d box;
   double widest_m = 0.0;
@@ -256,13 +254,13 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  const auto is_path = [&](const std::vector<std::uint32_t>& numbers) {
+  const auto is_path = [&](const Members& numbers) {
     return numbers.size() == path.size() ||
            (static_cast<int>(numbers.size()) >= config.min_plots && reaches_threshold(numbers));
   };
   // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
-  std::vector<std::uint32_t> high = NumbersAbove(path, config.off_ground_m);
+  Members high = NumbersAbove(path, config.off_ground_m);
   if (!is_path(high)) {
     if (!HasNothingBelow(recording, path, bodies, config)) return Rejection::kNearGround;
     high = NumbersAbove(path, std::min(kClearM, config.off_ground_m));
@@ -276,15 +274,15 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
   return Rejection::kNone;
 }
 
-Rejection PathGates::RejectionOf(const std::vector<std::uint32_t>& members) const {
-  const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
+Rejection PathGates::RejectionOf(const Members& members) const {
+  const auto reaches_threshold = [&](const Members& numbers) {
     return ReachesThreshold(ValuesAt(numbers, members));
   };
   return FlightRejection(recording_, ValuesAt(members, scorer_.plots()), bodies_, reaches_threshold,
                          config_);
 }
 
-double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
+double CrowdingPenalty(const Members& path, const std::vector<Plot>& plots,
                        const std::vector<char>& are_free,
                        const std::function<std::uint32_t(const Plot&)>& num_frames_about) {
   const TimeNs reach_ns = NsOf(kCrowdingReachS);

@@ -34,7 +34,7 @@ Eigen::Vector3d DisplacementM(const std::vector<Plot>& path);
 
 // True if the score of these plots of a path alone, by their numbers within it, reaches the
 // threshold.
-using ReachesThreshold = std::function<bool(const std::vector<std::uint32_t>& numbers)>;
+using ReachesThreshold = std::function<bool(const Members& numbers)>;
 
 // Returns kNone for a path that has enough detections, is off the ground and has the return rate of
 // a drone. It is off the ground if its plots above the height of people and cars are enough for a
@@ -69,15 +69,15 @@ class PathGates {
         config_(config) {}
 
   // Returns the rule that refuses these plots as a flight; kNone if none does.
-  Rejection RejectionOf(const std::vector<std::uint32_t>& members) const;
+  Rejection RejectionOf(const Members& members) const;
 
   // True if these plots are a path by themselves, but of no drone.
-  bool IsNoDrone(const std::vector<std::uint32_t>& members) const {
+  bool IsNoDrone(const Members& members) const {
     return TellsNoDrone(RejectionOf(members)) && ReachesThreshold(members);
   }
 
  private:
-  bool ReachesThreshold(std::vector<std::uint32_t> members) const {
+  bool ReachesThreshold(Members members) const {
     return scorer_.WithScore(std::move(members)).score >= score_threshold_;
   }
 
@@ -98,7 +98,7 @@ constexpr double kCrowdingReachS = (ClutterMap::kExclusionBins + 0.5) * kBinS;
 // (its Palm distribution), those within kCrowdingReachS of it are expected, not the mean. Plots of
 // targets, which are not free, and its own do not count.
 // `num_frames_about`: number of frames of the sensor of a plot within kCrowdingReachS.
-double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
+double CrowdingPenalty(const Members& path, const std::vector<Plot>& plots,
                        const std::vector<char>& are_free,
                        const std::function<std::uint32_t(const Plot&)>& num_frames_about);
 

@@ -11,9 +11,6 @@
 namespace unlidar {
 namespace {
 
-using Members = std::vector<std::uint32_t>;
-
-// Bounding box and time span of a path.
 struct Extent {
   Eigen::AlignedBox3d box_m;
   TimeNs first_ns = std::numeric_limits<TimeNs>::max();

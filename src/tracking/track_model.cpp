@@ -1,7 +1,5 @@
 #include "tracking/track_model.hpp"
 
-#include <limits>
-
 namespace unlidar {
 namespace {
 

@@ -1,8 +1,5 @@
 #include "tracking/track_search.hpp"
 
-#include <algorithm>
-#include <limits>
-
 #include "base/maths.hpp"
 
 namespace unlidar {
@@ -210,7 +207,6 @@ bool TrackSearch::SetLeastBound(const Scan& scan, std::uint32_t id) {
   return std::exchange(least_bounds_[id], least) != least;
 }
 
-// Continues a hypothesis to the plots in its reach.
 void TrackSearch::Continue(const Outlook& outlook, const Scan& scan) {
   const Hypothesis& from = active_[outlook.hypothesis];
   const Motion& motion = motions_[outlook.motion];

@@ -1,6 +1,4 @@
 // The history of a search: its paths, and the hypotheses that they need.
-#include <algorithm>
-#include <cstddef>
 
 #include "base/algorithms.hpp"
 #include "tracking/track_search.hpp"

@@ -166,7 +166,7 @@ class PathFinder {
     const std::vector<char> all(plots.size(), 1);
     TrackSearches searches = SearchScans(ScansOf(plots, log_births, scan_schedule), log_births, all,
                                          0.0, config_.sigma_a_mps2, scan_schedule, config_);
-    std::vector<std::uint32_t> members = ValuesAt(BestOf(&searches).plots, indices);
+    Members members = ValuesAt(BestOf(&searches).plots, indices);
     std::reverse(members.begin(), members.end());
     return scorer.WithScore(std::move(members));
   }
@@ -198,7 +198,7 @@ class PathFinder {
   // Searches each changed path again, among its plots and all that no other path above
   // kInitiationLog holds: its new part may continue where the old one could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
-    std::set<std::vector<std::uint32_t>> known;
+    std::set<Members> known;
     for (const Path& path : before) known.insert(path.plots);
     return Replace(paths, [&](const Path& path) {
       return known.count(path.plots) > 0 ? Path() : BestReplacement(path);

@@ -112,7 +112,6 @@ class LiveSearch {
   };
 
   void CountPlots(const SceneFrame& frame);
-  double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
   void Refuse(const Members& members, Rejection rejection);

@@ -35,11 +35,8 @@ bool LiveSearch::IsFree(const Path& path) const {
 
 void LiveSearch::SetPath(const Members& members) {
   path_plots_.clear();
-  path_log_births_.clear();
-  for (const std::uint32_t i : members) {
-    path_plots_.push_back(recent_plots_[i].plot);
-    path_log_births_.push_back(log_births_[i]);
-  }
+  for (const std::uint32_t i : members) path_plots_.push_back(recent_plots_[i].plot);
+  path_log_births_ = ValuesAt(members, log_births_);
 }
 
 // Scores paths of path_plots_.

@@ -95,8 +95,6 @@ class LiveTrace {
  private:
   using Rules = std::uint32_t;  // a bit for each Rejection
 
-  bool IsRepeated(const Path& path, Rules rule) const;
-
   LiveTraceSink sink_;
   TimeNs at_ns_ = 0;
   const RecentPlots* seen_ = nullptr;

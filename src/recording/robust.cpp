@@ -100,6 +100,10 @@ class TargetSearch {
                           score_threshold_, recording_, found_.bodies(), config_);
     const PathScorer joins(plots_, log_births, scan_schedule_, config_.tracker,
                            TimeOutOfView::kLogUniform);
+    const auto rejection_of = [&](const Path& path) {
+      return path.score < score_threshold_ ? Rejection::kBelowThreshold
+                                           : gates.RejectionOf(path.plots);
+    };
     const auto other_side_of = [&](const auto& before, const auto& after) {
       const bool begins_without = gates.IsNoDrone(before);
       if (begins_without == gates.IsNoDrone(after)) return OtherSide::kNone;
@@ -107,11 +111,11 @@ class TargetSearch {
     };
     for (Path& path : paths_) {
       PathVerdict& verdict = verdicts_.emplace_back();
-      verdict.rejection = RejectionOf(gates, path);
+      verdict.rejection = rejection_of(path);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config_.Uses(Rule::kPause) && CutAtPauses(joins, other_side_of, &path)) {
         path = joins.WithScore(path.plots);
-        verdict.rejection = RejectionOf(gates, path);
+        verdict.rejection = rejection_of(path);
         if (verdict.rejection != Rejection::kNone) continue;
       }
       if (config_.Uses(Rule::kCrowded)) {
@@ -130,11 +134,6 @@ class TargetSearch {
       has_target = true;
     }
     return has_target;
-  }
-
-  Rejection RejectionOf(const PathGates& gates, const Path& path) const {
-    return path.score < score_threshold_ ? Rejection::kBelowThreshold
-                                         : gates.RejectionOf(path.plots);
   }
 
   std::uint32_t NumFramesAbout(const Plot& plot) const {

@@ -21,6 +21,13 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
   values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
 }
 
+// Returns the numbers below `count`.
+inline std::vector<std::uint32_t> NumbersBelow(std::size_t count) {
+  std::vector<std::uint32_t> numbers(count);
+  std::iota(numbers.begin(), numbers.end(), 0U);
+  return numbers;
+}
+
 // Returns the values with these numbers.
 template <class T>
 std::vector<T> ValuesAt(const std::vector<std::uint32_t>& numbers, const std::vector<T>& values) {

@@ -109,10 +109,6 @@ KnownTargets ConfirmedTracks::TargetsAt(double time_s) {
   return targets;
 }
 
-double ConfirmedTracks::ScoreOf(const Flight& flight) const {
-  return TrackFollower(flight, models_, config_.robust).score();
-}
-
 bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
@@ -141,7 +137,12 @@ void ConfirmedTracks::Judge(const RecentPlots& seen, double time_s, bool may_wai
       const std::optional<TrackValidator::Verdict> before = track->verdict;
       track->verdict = validator_.Judge(track->number, follower, track->is_reported, seen, time_s,
                                         track->verdict);
-      TraceVerdict(*track, before);
+      const TrackValidator::Verdict& now = *track->verdict;
+      const bool is_known =
+          before && before->rejection == now.rejection && before->is_final == now.is_final;
+      if (now.rejection != Rejection::kNone && !is_known) {
+        Trace(*track, now.is_final ? TrackState::kRejected : TrackState::kWaiting, now.rejection);
+      }
     }
     if (track->is_reported && track->verdict->is_final) {
       ReportEnd(*track);
@@ -198,24 +199,9 @@ void ConfirmedTracks::ReportEnd(const Track& track) {
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
-// Traces the verdict on a track if it differs from `before`, the one that preceded it.
-void ConfirmedTracks::TraceVerdict(const Track& track,
-                                   const std::optional<TrackValidator::Verdict>& before) {
-  const Rejection rejection = track.verdict->rejection;
-  const bool is_final = track.verdict->is_final;
-  if (rejection == Rejection::kNone) return;
-  if (before && before->rejection == rejection && before->is_final == is_final) return;
-  Trace(track, is_final ? TrackState::kRejected : TrackState::kWaiting, rejection);
-}
-
 void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection rejection) {
-  TracedTrack traced;
-  traced.number = track.number;
-  traced.state = state;
-  traced.rejection = rejection;
-  traced.first_evidence_ns = track.follower->first_evidence_ns();
-  traced.last_evidence_ns = track.follower->last_evidence_ns();
-  trace_.AddTrack(traced);
+  trace_.AddTrack({0, track.number, state, rejection, track.follower->first_evidence_ns(),
+                   track.follower->last_evidence_ns()});
 }
 
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.
@@ -255,7 +241,7 @@ void ConfirmedTracks::Predict(TimeNs newest_ns) {
     const std::optional<TrajectoryRow> row = rows.Next();
     if (!row) continue;
     const TimeNs seen_ns = track.follower->last_evidence_ns() + track.follower->time_bias_ns();
-    const double unseen_s = static_cast<double>(newest_ns - seen_ns) * kSecondsPerNs;
+    const double unseen_s = SecondsOf(newest_ns - seen_ns);
     on_event_(TrackPredicted{*row, std::max(unseen_s, 0.0), track.kind.kind()});
   }
 }

@@ -30,7 +30,6 @@ class ConfirmedTracks {
   // The shortest of the sensors' frame periods.
   void SetPeriod(TimeNs period_ns) { period_ns_ = period_ns; }
 
-  // Adds the output times of a frame. Frames come in order of stamps.
   void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
 
   // Extends the tracks by the plots of a frame at `at`. A plot goes to at most one track, the one
@@ -50,8 +49,9 @@ class ConfirmedTracks {
   // Returns the tracks, as predicted at a time. Valid until the next call or until tracks change.
   KnownTargets TargetsAt(double time_s);
 
-  // Score of a flight as a track.
-  double ScoreOf(const Flight& flight) const;
+  double ScoreOf(const Flight& flight) const {
+    return TrackFollower(flight, models_, config_.robust).score();
+  }
 
   // True if a track is near at least half of the plots: a drone may yield two plots in a frame.
   bool HasTrackOf(const Flight& flight) const;
@@ -111,7 +111,6 @@ class ConfirmedTracks {
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void ReportEnd(const Track& track);
   void Trace(const Track& track, TrackState state, Rejection rejection);
-  void TraceVerdict(const Track& track, const std::optional<TrackValidator::Verdict>& before);
   void SetSource(const Track& track, const TimeInterval& presence, double max_sigma_m);
   void EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns, double extrapolated_share);
 

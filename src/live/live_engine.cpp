@@ -37,14 +37,14 @@ LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sen
 
 std::uint32_t LiveEngine::AddSensor(const std::string& name) {
   const auto index = static_cast<std::uint32_t>(sensors_.size());
-  sensors_.emplace_back(FramesOf(index, name));
+  sensors_.push_back({FramesOf(index, name)});
   stamps_.AddSensor();
   return index;
 }
 
 void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
   DropAstray([&](std::uint32_t held, TimeNs) { return held == sensor; });
-  sensors_[sensor] = Sensor(FramesOf(sensor, name));
+  sensors_[sensor] = {FramesOf(sensor, name)};
   stamps_.Replace(sensor);
   sway_.Forget(sensor);
   warned_of_.erase(warned_of_.lower_bound({sensor, ""}), warned_of_.lower_bound({sensor + 1, ""}));
@@ -83,10 +83,14 @@ void LiveEngine::NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns,
   Settle(stamps_.Judge({sensor, time_ns, arrival}));
 }
 
-// Applies the verdict on a frame to the held frames, too.
+// Applies the verdict on a frame to the held frames, too: passes them on in order of their stamps,
+// so that none follows a newer one.
 void LiveEngine::Settle(StampValidator::Verdict verdict) {
   if (verdict == StampValidator::Verdict::kRestart) Restart();
-  TakeHeld();
+  const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
+    return stamps_.IsConfirmed(sensor, time_ns);
+  };
+  while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
   DropAstray(
       [this](std::uint32_t sensor, TimeNs time_ns) { return !stamps_.IsPending(sensor, time_ns); });
 }
@@ -97,16 +101,7 @@ bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeN
          held_.Has(frame.sensor, stamp_ns);
 }
 
-// Passes held frames on in order of their stamps, so that none follows a newer one.
-void LiveEngine::TakeHeld() {
-  const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
-    return stamps_.IsConfirmed(sensor, time_ns);
-  };
-  while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
-}
-
-template <class ShouldDrop>
-void LiveEngine::DropAstray(const ShouldDrop& should_drop) {
+void LiveEngine::DropAstray(const HeldFrames::Condition& should_drop) {
   while (held_.TakeOverflow(should_drop, &taken_)) {
     ++astray_.count;
     astray_.sensor = taken_.frame.sensor;
@@ -139,18 +134,14 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
   waiting_.Add(stamp_ns);
   if (is_endless_) return;
   Release(SettledNs());
-  DropOverflow();
-  if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
-}
-
-void LiveEngine::DropOverflow() {
   while (const std::optional<LoadedFrame> dropped = waiting_.TakeOverflow()) {
     overflow_.sensor = dropped->info.sensor;
     ++overflow_.count;
     --counts_.frames;
-    std::vector<TimeNs>& stamps_ns = sensors_[overflow_.sensor].stamps_ns;
-    stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->file.stamp_ns));
+    std::vector<TimeNs>& left_ns = sensors_[overflow_.sensor].stamps_ns;
+    left_ns.erase(std::lower_bound(left_ns.begin(), left_ns.end(), dropped->file.stamp_ns));
   }
+  if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
 }
 
 void LiveEngine::CheckUnits(std::uint32_t index) {
@@ -210,7 +201,7 @@ void LiveEngine::Restart() {
   tracker->ContinueNumbers(*tracker_);
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    Sensor fresh(FramesOf(i, sensors_[i].frames.info().name));
+    Sensor fresh{FramesOf(i, sensors_[i].frames.info().name)};
     // Independent of clocks:
     fresh.sensor_health = std::move(sensors_[i].sensor_health);
     fresh.pose = std::move(sensors_[i].pose);
@@ -220,9 +211,6 @@ void LiveEngine::Restart() {
   }
   stamps_.Begin();
 }
-
-// Frames with stamps before this time are too late.
-TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame just taken.
 void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {
@@ -248,7 +236,6 @@ void LiveEngine::RemoveSway(LoadedFrame* frame) {
   if (warning) Warn(frame->info.sensor, {*warning});
 }
 
-// Updates blinding and pose checks of a sensor from a frame.
 void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
   const SensorInfo& info = sensor.frames.info();

@@ -13,7 +13,6 @@
 
 #include "base/recording.hpp"
 #include "io/sensor_frames.hpp"
-#include "live/held_frames.hpp"
 #include "live/live_tracker.hpp"
 #include "live/stamp_validator.hpp"
 #include "live/waiting_frames.hpp"
@@ -81,7 +80,6 @@ class LiveEngine {
   const DroppedFrames& overflow_frames() const { return overflow_; }
   const std::vector<Warning>& warnings() const { return warnings_; }
 
-  // Returns the state last reported.
   SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
 
   // True if its last frame was held: its clock differs from that of the other sensors.
@@ -97,32 +95,28 @@ class LiveEngine {
 
  private:
   struct Sensor {
-    explicit Sensor(SensorFrames its_frames) : frames(std::move(its_frames)) {}
-
     SensorFrames frames;
     TimeNs newest_ns = 0;
     SensorState state = SensorState::kSilent;  // last reported
-    SensorHealth sensor_health;
-    PoseCheck pose;
+    SensorHealth sensor_health = {};
+    PoseCheck pose = {};
     bool was_heard = false;      // at least one frame was taken
     bool is_not_metres = false;  // its coordinates cannot be metres
     TimeNs reported_period_ns = 0;
-    std::vector<TimeNs> stamps_ns;  // of frames that may still be repeated, ascending
+    std::vector<TimeNs> stamps_ns = {};  // of frames that may still be repeated, ascending
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
   bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
   void Settle(StampValidator::Verdict verdict);
-  void TakeHeld();
-  template <class ShouldDrop>
-  void DropAstray(const ShouldDrop& should_drop);
+  void DropAstray(const HeldFrames::Condition& should_drop);
   void Take(CloudFrame frame, TimeNs stamp_ns);
-  void DropOverflow();
   void CheckUnits(std::uint32_t index);  // throws only if every sensor's unit is wrong
   bool IsBeyondWindow(TimeNs stamp_ns) const;
   void EndTracks();
   void Restart();
-  TimeNs SettledNs() const;
+  // Frames with stamps before this time are too late.
+  TimeNs SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
   void ReportSensorStates(std::optional<std::uint32_t> heard);
   void RemoveSway(LoadedFrame* frame);
   void UpdateSensorHealth(const LoadedFrame& frame);

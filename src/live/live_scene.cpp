@@ -21,22 +21,15 @@ constexpr double kSurgeFactor = 2.0;
 
 }  // namespace
 
-LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
-    : viewpoint_m(its_viewpoint_m),
-      scene(config.robust),
-      clutter(config.robust),
-      floating(config.robust.background.place) {}
-
 LiveScene::LiveScene(const Config& config, bool is_traced)
     : config_(config), is_traced_(is_traced), snapshot_interval_ns_(kFirstRefitNs) {}
 
 void LiveScene::AddSensor(std::uint32_t sensor, const SensorInfo& info) {
   const std::size_t station = stations_.Add(sensor, info);
-  if (station == scenes_.size()) scenes_.emplace_back(stations_.ViewpointM(station), config_);
-}
-
-double LiveScene::SecondsOf(TimeNs time_ns) const {
-  return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
+  if (station < scenes_.size()) return;
+  const RobustConfig& robust = config_.robust;
+  scenes_.push_back({stations_.ViewpointM(station), StationScene(robust), ClutterModel(robust),
+                     FloatingPlots(robust.background.place)});
 }
 
 // Time of the middle of a bin, exact if no pause has been skipped since.
@@ -52,10 +45,6 @@ std::int64_t LiveScene::BinOf(TimeNs time_ns) {
     newest_slot_ = slot;
   }
   return std::max<std::int64_t>(0, slot - bin_shift_);
-}
-
-LiveScene::Station& LiveScene::StationOf(std::uint32_t sensor) {
-  return scenes_[stations_.StationOf(sensor)];
 }
 
 bool LiveScene::Take(LoadedFrame* frame) {
@@ -92,14 +81,17 @@ bool LiveScene::Take(LoadedFrame* frame) {
 // Many frames wait during the warm-up: of each only what its plots need is kept.
 void LiveScene::Enqueue(std::int64_t bin, LoadedFrame* frame) {
   WaitingFrame& waiting = waiting_.Append();
-  waiting.info = frame->info;
   waiting.station = stations_.StationOf(frame->info.sensor);
   waiting.bin = bin;
-  std::swap(waiting.points_m, frame->points_m);
+  waiting.frame.frames.assign(1, frame->info);
+  waiting.frame.frames[0].first_return = 0;
+  waiting.frame.frames[0].last_return = static_cast<std::uint32_t>(frame->points_m.size());
+  std::swap(waiting.frame.points_m, frame->points_m);
   std::swap(waiting.voxels, voxels_);
-  waiting.times_ns.clear();
-  waiting.times_ns.reserve(frame->times_ns.size());
-  for (const TimeNs time_ns : frame->times_ns) waiting.times_ns.push_back(time_ns);
+  TimeList& times_ns = waiting.frame.times_ns;
+  times_ns.clear();
+  times_ns.reserve(frame->times_ns.size());
+  for (const TimeNs time_ns : frame->times_ns) times_ns.push_back(time_ns);
 }
 
 void LiveScene::Close() {
@@ -109,13 +101,12 @@ void LiveScene::Close() {
 void LiveScene::WarmUp() {
   is_warm_ = true;
   snapshot_ns_ = front_ns_;
+  num_warm_up_frames_ = waiting_.size();
+  const bool is_complete = front_ns_ - begin_ns_ >= kWarmUpNs;
   for (Station& station : scenes_) {
     if (station.has_begun) station.scene.Fit();
-  }
-  num_warm_up_frames_ = waiting_.size();
-  if (front_ns_ - begin_ns_ < kWarmUpNs) return;
-  for (Station& station : scenes_) {
-    if (station.begin_ns - begin_ns_ < kBinNs) station.search_from_ns = station.begin_ns;
+    const bool began_first = station.begin_ns - begin_ns_ < kBinNs;
+    if (is_complete && began_first) station.search_from_ns = station.begin_ns;
   }
 }
 
@@ -152,7 +143,7 @@ void LiveScene::Refit() {
 
 TimeNs LiveScene::MakePlots(const KnownTargets& targets) {
   WaitingFrame& frame = waiting_.front();
-  const TimeNs middle_ns = frame.info.middle_ns();
+  const TimeNs middle_ns = frame.middle_ns();
   MakePlotsOf(&frame, targets, &held_.Append());
   // The queue is never again as long as in the warm-up.
   if (num_warm_up_frames_ > 0) frame = WaitingFrame();
@@ -179,11 +170,7 @@ void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
 void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, SceneFrame* held) {
   const std::int64_t bin = waiting->bin;
   Station& station = scenes_[waiting->station];
-  std::swap(frame_.points_m, waiting->points_m);
-  std::swap(frame_.times_ns, waiting->times_ns);
-  frame_.frames.assign(1, waiting->info);
-  frame_.frames[0].first_return = 0;
-  frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
+  Recording& frame = waiting->frame;
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
     // Called for nearly every return of the first two minutes, so the cheap box is tested first.
     const Eigen::Vector3d place_m = (point_m + station.viewpoint_m).cast<double>();
@@ -192,15 +179,15 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
   };
   // By reference: a std::function would copy the lambda to the heap.
   FramePlots& found =
-      station.scene.FindPlots(bin, waiting->voxels, std::cref(is_known_target), &frame_);
-  held->info = frame_.frames[0];
+      station.scene.FindPlots(bin, waiting->voxels, std::cref(is_known_target), &frame);
+  held->info = frame.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
   held->bodies_m.clear();
   if (is_traced_) {
     const Eigen::Vector3f viewpoint_m = station.viewpoint_m + held->info.carrier.shift_m;
     for (const std::uint32_t i : found.body_returns) {
-      held->bodies_m.push_back(frame_.points_m[i] + viewpoint_m);
+      held->bodies_m.push_back(frame.points_m[i] + viewpoint_m);
     }
   }
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -218,10 +205,10 @@ void LiveScene::MakePlotsOf(WaitingFrame* waiting, const KnownTargets& targets, 
     Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
     std::optional<std::int32_t> dwell_begin_bin = static_cast<std::int32_t>(bin);  // none is least
     for (const std::uint32_t i : station.scene.ReturnsOf(p)) {
-      const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - seen.plot.ray_m;
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.ray_m;
       scatter_m2 += d * d.transpose();
       seen.facing_sums.Add(to_ray_axes * d);
-      const double after_s = unlidar::SecondsOf(frame_.times_ns[i] - seen.plot.time_ns);
+      const double after_s = SecondsOf(frame.times_ns[i] - seen.plot.time_ns);
       seen.time_covariance_ms += (after_s * d).cast<float>();
       seen.time_scatter_s2 += static_cast<float>(after_s * after_s);
       dwell_begin_bin = std::min(dwell_begin_bin, station.scene.verdicts()[i].dwell_begin_bin);
@@ -249,15 +236,13 @@ bool LiveScene::Next(TimeNs until_ns, SceneFrame* frame) {
 
 void LiveScene::RemoveBodies(SceneFrame* frame) {
   const Station& station = StationOf(frame->info.sensor);
-  std::vector<LivePlot>& plots = frame->plots;
-  const auto is_near_body = [&](const LivePlot& seen) {
+  EraseIf(&frame->plots, [&](const LivePlot& seen) {
     if (!IsNearBody(seen.plot, station.bodies)) return false;
     if (is_traced_) {
       frame->bodies_m.push_back(seen.plot.position_m.cast<float>() + station.viewpoint_m);
     }
     return true;
-  };
-  EraseIf(&plots, is_near_body);
+  });
 }
 
 // True if the number of plots has risen so far above all that the window has known that the clutter
@@ -279,7 +264,7 @@ bool LiveScene::IsSurge(const SceneFrame& frame) {
 void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
   Station& station = StationOf(frame->info.sensor);
-  frame->time_s = SecondsOf(middle_ns);
+  frame->time_s = SecondsSinceBegin(middle_ns);
   frame->viewpoint_m = (station.viewpoint_m + frame->info.carrier.shift_m).cast<double>();
   Queue<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
@@ -294,10 +279,10 @@ void LiveScene::Judge(SceneFrame* frame) {
     learning_since_ns_ = middle_ns;
   }
   frame->rejection = middle_ns >= station.search_from_ns ? Rejection::kNone : station.learning;
-  frame->observed_s = frame->time_s - SecondsOf(learning_since_ns_);
+  frame->observed_s = frame->time_s - SecondsSinceBegin(learning_since_ns_);
   // Frames of the warm-up are searched after it.
   if (frame->is_searched()) {
-    frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
+    frame->observed_s = std::max(frame->observed_s, SecondsOf(kWarmUpNs));
   }
   JudgePlots(frame, &station);
   for (LivePlot& seen : frame->plots) {

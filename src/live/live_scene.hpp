@@ -9,7 +9,6 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "base/time_list.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_plot.hpp"
 #include "scene/clutter.hpp"
@@ -65,11 +64,10 @@ class LiveScene {
   // No frame will follow: ends the warm-up.
   void Close();
 
-  // Number of frames waiting for MakePlots().
   std::size_t num_waiting() const { return waiting_.size(); }
 
   // Middle of the next waiting frame, since the start of the first frame; one must be waiting.
-  double NextTimeS() const { return SecondsOf(waiting_.front().info.middle_ns()); }
+  double NextTimeS() const { return SecondsSinceBegin(waiting_.front().middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
   // be warm and a frame must be waiting. `targets`: at NextTimeS().
@@ -89,28 +87,26 @@ class LiveScene {
  private:
   // A frame that was learned and waits for its plots.
   struct WaitingFrame {
-    FrameInfo info;
+    Recording frame;          // alone
     std::size_t station = 0;  // that learned it: the sensor may have been replaced since
     std::int64_t bin = 0;
-    std::vector<Eigen::Vector3f> points_m;
-    TimeList times_ns;
     OwnVoxels voxels;
+
+    TimeNs middle_ns() const { return frame.frames.front().middle_ns(); }
   };
 
   // State of one station, relative to its viewpoint.
   struct Station {
-    Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
-
     Eigen::Vector3f viewpoint_m;
+    StationScene scene;  // fitted when it is warm
+    ClutterModel clutter;
+    FloatingPlots floating;
     bool has_begun = false;
     TimeNs begin_ns = 0;
     TimeNs search_from_ns = 0;                // earlier frames are used for clutter only,
     Rejection learning = Rejection::kWarmUp;  // for this reason
-    StationScene scene;                       // fitted when it is warm
-    ClutterModel clutter;
-    FloatingPlots floating;
-    std::size_t num_lookahead_frames = 0;  // in the clutter and not judged yet
-    Queue<BodyBox> bodies;
+    std::size_t num_lookahead_frames = 0;     // in the clutter and not judged yet
+    Queue<BodyBox> bodies = {};
   };
 
   // Mean number of plots per frame of a sensor.
@@ -123,10 +119,10 @@ class LiveScene {
   };
 
   bool IsSurge(const SceneFrame& frame);
-  double SecondsOf(TimeNs time_ns) const;
+  double SecondsSinceBegin(TimeNs time_ns) const { return SecondsOf(time_ns - begin_ns_); }
   double SecondsOfBin(std::int64_t bin) const;
   std::int64_t BinOf(TimeNs time_ns);
-  Station& StationOf(std::uint32_t sensor);
+  Station& StationOf(std::uint32_t sensor) { return scenes_[stations_.StationOf(sensor)]; }
   void WarmUp();
   void WarmUpLate(Station* station);
   void Refit();
@@ -165,7 +161,6 @@ class LiveScene {
   std::uint32_t num_frames_ = 0;        // with plots
   std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait
   std::vector<PlotRate> rates_;         // (sensors)
-  Recording frame_;                     // the one whose plots are made
 };
 
 }  // namespace unlidar

@@ -32,13 +32,13 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   const RobustConfig& robust = config_.robust;
   const TrackerConfig& tracker = robust.tracker;
   for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
-    if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
-    models_[m].SetScanSchedule(scan_schedule_);
-    if (searches_.size() <= m) {
+    if (models_.size() <= m) {
+      models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
       searches_.emplace_back(
           log_births_, free_, models_[m], tracker,
           robust.Uses(Rule::kGroundPast) ? robust.off_ground_m : kNoGroundTargetsM, true);
     }
+    models_[m].SetScanSchedule(scan_schedule_);
     searches_[m].SetModel(models_[m]);
   }
 }
@@ -78,14 +78,6 @@ double LiveSearch::ClutterUncertaintyMargin(double learning_s) const {
                      : kMaxClutterUncertaintyMargin * std::exp(-observed_s_ / learning_s);
 }
 
-// Per hour, at the present rate of plots.
-double LiveSearch::RecentScoreThreshold() const {
-  const double plots_per_hour = 3600.0 * num_plots_ / std::max(rate_window_s_, 1.0);
-  return ScoreThreshold(plots_per_hour, config_.live.false_alarms_per_hour,
-                        config_.robust.tracker) +
-         ClutterUncertaintyMargin(kLearningS);
-}
-
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
   CountPlots(frame);
   paths_.clear();
@@ -106,7 +98,10 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
     }
     SetScan(frame_plots_.data(), frame_plots_.size(), log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
-    score_threshold_ = RecentScoreThreshold();
+    const double plots_per_hour = 3600.0 * num_plots_ / std::max(rate_window_s_, 1.0);
+    score_threshold_ =
+        ScoreThreshold(plots_per_hour, config_.live.false_alarms_per_hour, config_.robust.tracker) +
+        ClutterUncertaintyMargin(kLearningS);
     for (TrackSearch& search : searches_) {
       search.Extend(scan_);
       search.AppendPathsToLastScan(score_threshold_, &paths_);

@@ -8,9 +8,8 @@
 #include "base/recording.hpp"
 #include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
-#include "live/recent_frame_times.hpp"
+#include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
-#include "tracking/path_gates.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
@@ -35,7 +34,6 @@ class LiveSearch {
   // every place may have changed.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
-  // Same as ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
   const SensorInfo& SensorAt(std::uint32_t sensor) const { return recent_.sensors[sensor]; }
@@ -114,18 +112,16 @@ class LiveSearch {
   };
 
   void CountPlots(const SceneFrame& frame);
-  double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
-  void Refuse(const std::vector<std::uint32_t>& members, Rejection rejection);
-  Rejection RejectionOfLikelier(const std::vector<std::uint32_t>& members) const;
-  void SetPath(const std::vector<std::uint32_t>& members);  // sets path_plots_
+  void Refuse(const Members& members, Rejection rejection);
+  Rejection RejectionOfLikelier(const Members& members) const;
+  void SetPath(const Members& members);  // sets path_plots_
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
-  std::vector<std::uint32_t> LeftAtPauses() const;
+  Members LeftAtPauses() const;
   PathGates Gates() const;  // of path_plots_
-  Rejection JudgeFlight(const std::vector<std::uint32_t>& numbers);
-  Flight FlightOf(const std::vector<std::uint32_t>& members) const;
-  Path FollowedBack(const std::vector<std::uint32_t>& members);
+  Flight FlightOf(const Members& members) const;
+  Path FollowedBack(const Members& members);
   bool IsCrowded() const;
   double CrowdingPenaltyOfFlight() const;
 
@@ -151,7 +147,7 @@ class LiveSearch {
   std::vector<Plot> path_plots_;         // of the path that is looked at
   std::vector<double> path_log_births_;  // (path_plots_)
   Path pruned_;
-  std::vector<std::uint32_t> flight_members_;  // recent plots of flight_
+  Members flight_members_;  // recent plots of flight_
   Flight flight_;
   std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;

@@ -2,15 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "live/backward_extension.hpp"
 #include "live/live_search.hpp"
+#include "live/track_follower.hpp"
 #include "scene/support.hpp"
-#include "tracking/crowding.hpp"
-#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {
@@ -29,12 +26,6 @@ bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& p
   return Floats(path) || DisplacementM(plots).norm() > min_move_m;
 }
 
-std::vector<std::uint32_t> AllOf(std::size_t count) {
-  std::vector<std::uint32_t> all(count);
-  std::iota(all.begin(), all.end(), 0U);
-  return all;
-}
-
 }  // namespace
 
 bool LiveSearch::IsFree(const Path& path) const {
@@ -42,13 +33,10 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
-void LiveSearch::SetPath(const std::vector<std::uint32_t>& members) {
+void LiveSearch::SetPath(const Members& members) {
   path_plots_.clear();
-  path_log_births_.clear();
-  for (const std::uint32_t i : members) {
-    path_plots_.push_back(recent_plots_[i].plot);
-    path_log_births_.push_back(log_births_[i]);
-  }
+  for (const std::uint32_t i : members) path_plots_.push_back(recent_plots_[i].plot);
+  path_log_births_ = ValuesAt(members, log_births_);
 }
 
 // Scores paths of path_plots_.
@@ -70,7 +58,7 @@ Rejection LiveSearch::StandingRejection(const Path& path) {
 }
 
 // Gives the plots of a path of this frame to what it is of, if that is no drone.
-void LiveSearch::Refuse(const std::vector<std::uint32_t>& members, Rejection rejection) {
+void LiveSearch::Refuse(const Members& members, Rejection rejection) {
   if (!TellsNoDrone(rejection)) return;
   for (const std::uint32_t i : members) refusals_[i] = {num_scans_, rejection};
 }
@@ -98,7 +86,7 @@ void LiveSearch::GetGroundGains(const SceneFrame& frame, std::vector<double>* ga
 
 // Returns the rule that refused the likelier paths of this frame to which most of these plots
 // belong: a path of some of them and of strays would pass it.
-Rejection LiveSearch::RejectionOfLikelier(const std::vector<std::uint32_t>& members) const {
+Rejection LiveSearch::RejectionOfLikelier(const Members& members) const {
   if (!config_.robust.Uses(Rule::kLikelierRefusal)) return Rejection::kNone;
   std::size_t num_refused = 0;
   Rejection rejection = Rejection::kNone;
@@ -125,7 +113,7 @@ const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
   SetPath(path.plots);
   const PathScorer scorer = Scorer(TimeOutOfView::kNone);
-  pruned_ = scorer.WithScore(AllOf(path_plots_.size()));
+  pruned_ = scorer.WithScore(NumbersBelow(path_plots_.size()));
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
   for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
@@ -136,9 +124,9 @@ const Path& LiveSearch::Pruned(const Path& path) {
 // paths of a recording join. A higher score is not enough for that: a few strays before a long
 // pause raise it, too, though they explain themselves as well without what comes after it. Before a
 // shorter one must be a path by itself that is no drone.
-std::vector<std::uint32_t> LiveSearch::LeftAtPauses() const {
+Members LiveSearch::LeftAtPauses() const {
   Path path;
-  path.plots = AllOf(path_plots_.size());
+  path.plots = NumbersBelow(path_plots_.size());
   if (!config_.robust.Uses(Rule::kPause)) return path.plots;
   const auto other_side_of = [&](const auto& before, const auto& after) {
     const TimeNs pause_ns = path_plots_[after.front()].time_ns - path_plots_[before.back()].time_ns;
@@ -153,8 +141,7 @@ PathGates LiveSearch::Gates() const {
   return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_, config_.robust};
 }
 
-// The flight of these recent plots.
-Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
+Flight LiveSearch::FlightOf(const Members& members) const {
   Flight flight;
   for (const std::uint32_t i : members) {
     flight.plots.push_back(recent_plots_[i]);
@@ -170,7 +157,7 @@ Rejection LiveSearch::Judge(const Path& path) {
   flight_members_ = path.plots;
   if (!IsFree(path)) return Rejection::kSharesReturns;
   SetPath(path.plots);
-  const std::vector<std::uint32_t> left = LeftAtPauses();
+  const Members left = LeftAtPauses();
   if (left.front() > 0) {
     cuts_.push_back({Rejection::kPause, left.front()});
     DropFirst(left.front(), &flight_members_);
@@ -178,21 +165,15 @@ Rejection LiveSearch::Judge(const Path& path) {
   const Rejection of_likelier = RejectionOfLikelier(flight_members_);
   is_of_likelier_ = of_likelier != Rejection::kNone;
   if (is_of_likelier_) return of_likelier;
-  const Rejection rejection = JudgeFlight(left);
+  Rejection rejection = Gates().RejectionOf(left);
+  if (rejection == Rejection::kNone) {
+    flight_plots_ = ValuesAt(left, path_plots_);
+    flight_ = FlightOf(flight_members_);
+    const bool is_at_rest = !MovesOrFloats(flight_.plots, flight_plots_);
+    if (config_.robust.Uses(Rule::kStationary) && is_at_rest) rejection = Rejection::kStationary;
+  }
   Refuse(flight_members_, rejection);
   return rejection;
-}
-
-// Judges and sets the flight of these of path_plots_, which are flight_members_.
-Rejection LiveSearch::JudgeFlight(const std::vector<std::uint32_t>& numbers) {
-  const Rejection rejection = Gates().RejectionOf(numbers);
-  if (rejection != Rejection::kNone) return rejection;
-  flight_plots_ = ValuesAt(numbers, path_plots_);
-  flight_ = FlightOf(flight_members_);
-  if (config_.robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
-    return Rejection::kStationary;
-  }
-  return Rejection::kNone;
 }
 
 // True if more other plots lie within reach of the flight than it has itself.
@@ -204,16 +185,12 @@ bool LiveSearch::IsCrowded() const {
       return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
     });
   };
+  const Members& own = flight_members_;
   std::size_t others = 0;
-  auto own = flight_members_.begin();
-  for (std::uint32_t i = 0; i < recent_plots_.size(); ++i) {
-    if (own != flight_members_.end() && *own == i) {
-      ++own;
-    } else if (is_about(recent_plots_[i]) && ++others > flight.size()) {
-      return true;
-    }
+  for (std::uint32_t i = 0; i < recent_plots_.size() && others <= flight.size(); ++i) {
+    if (is_about(recent_plots_[i]) && !std::binary_search(own.begin(), own.end(), i)) ++others;
   }
-  return false;
+  return others > flight.size();
 }
 
 double LiveSearch::CrowdingPenaltyOfFlight() const {
@@ -229,7 +206,7 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
   }
   const std::vector<char> are_free(free_.begin() + static_cast<std::ptrdiff_t>(num_before),
                                    free_.end());
-  std::vector<std::uint32_t> own = flight_members_;
+  Members own = flight_members_;
   for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
   return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {
     const auto is_about = [&](const FrameInfo& frame) {
@@ -242,16 +219,17 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
 }
 
 // Plots of a flight and those before it, back to a pause across which it is not one target.
-Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
+Path LiveSearch::FollowedBack(const Members& members) {
   Path whole;
   whole.plots = ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
-                                frame_time_.frames_before, models_, config_);
+                                frame_time_.frames_before, models_, config_.robust);
   const std::size_t num_past = whole.plots.size();
   whole.plots.insert(whole.plots.end(), members.begin(), members.end());
   SetPath(whole.plots);
   DropFirst(std::min<std::size_t>(LeftAtPauses().front(), num_past), &whole.plots);
   SetPath(whole.plots);
-  whole.score = Scorer(TimeOutOfView::kLogUniform).WithScore(AllOf(whole.plots.size())).score;
+  whole.score =
+      Scorer(TimeOutOfView::kLogUniform).WithScore(NumbersBelow(whole.plots.size())).score;
   return whole;
 }
 

@@ -20,14 +20,6 @@ void LiveTrace::BeginFrame(const SceneFrame& frame, const RecentPlots& seen,
   }
 }
 
-// True if a path with most of these plots was passed on for the same rule.
-bool LiveTrace::IsRepeated(const Path& path, Rules rule) const {
-  const auto num_known =
-      std::count_if(path.plots.begin(), path.plots.end(),
-                    [&](std::uint32_t plot) { return (rules_[plot] & rule) != 0; });
-  return 2 * static_cast<std::size_t>(num_known) >= path.plots.size();
-}
-
 void LiveTrace::AddPath(const Path& path, const std::vector<PathCut>& cuts,
                         const PathDecision& decision) {
   PlotVerdict& verdict = verdicts_[path.plots.back() - first_];
@@ -37,15 +29,16 @@ void LiveTrace::AddPath(const Path& path, const std::vector<PathCut>& cuts,
     verdict = {decision.log_likelihood_ratio, decision.rejection};
   }
   const Rules rule = Rules{1} << static_cast<int>(decision.rejection);
-  const bool is_repeated = decision.rejection != Rejection::kNone && IsRepeated(path, rule);
+  // A path with most of these plots was passed on for the same rule.
+  const auto num_known =
+      std::count_if(path.plots.begin(), path.plots.end(),
+                    [&](std::uint32_t plot) { return (rules_[plot] & rule) != 0; });
+  const bool is_repeated = decision.rejection != Rejection::kNone &&
+                           2 * static_cast<std::size_t>(num_known) >= path.plots.size();
   rules_[path.plots.back()] |= rule;
   if (is_repeated) return;
   for (const std::uint32_t plot : path.plots) rules_[plot] |= rule;
   sink_(TracedPath{path, *seen_, cuts, decision, score_threshold_});
-}
-
-void LiveTrace::EndFrame(const SensorInfo& sensor, const SceneFrame& frame) {
-  sink_(TracedFrame{sensor, frame, verdicts_, score_threshold_});
 }
 
 void LiveTrace::AddUnsearched(const SensorInfo& sensor, const FrameInfo& info,

@@ -80,7 +80,9 @@ class LiveTrace {
                   const std::vector<double>& scores, double score_threshold);
   void SetTrack(std::size_t plot, std::optional<int> track) { verdicts_[plot].track = track; }
   void AddPath(const Path& path, const std::vector<PathCut>& cuts, const PathDecision& decision);
-  void EndFrame(const SensorInfo& sensor, const SceneFrame& frame);
+  void EndFrame(const SensorInfo& sensor, const SceneFrame& frame) {
+    sink_(TracedFrame{sensor, frame, verdicts_, score_threshold_});
+  }
 
   // A frame that yields no plots, because its station is still learning.
   void AddUnsearched(const SensorInfo& sensor, const FrameInfo& info, std::size_t num_returns);
@@ -92,8 +94,6 @@ class LiveTrace {
 
  private:
   using Rules = std::uint32_t;  // a bit for each Rejection
-
-  bool IsRepeated(const Path& path, Rules rule) const;
 
   LiveTraceSink sink_;
   TimeNs at_ns_ = 0;

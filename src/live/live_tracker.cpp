@@ -58,21 +58,11 @@ void LiveTracker::Close(TimeNs newest_ns) {
   tracks_.Close(newest_ns);
 }
 
-void LiveTracker::EmitRows(TimeNs newest_ns) {
-  scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
-}
-
-void LiveTracker::Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
-
 void LiveTracker::MakePlots(std::size_t max_frames) {
   for (; scene_.num_waiting() > 0 && max_frames > 0; --max_frames) {
     const TimeNs middle_ns = scene_.MakePlots(tracks_.TargetsAt(scene_.NextTimeS()));
     SearchUntil(middle_ns - NsOf(kBodyHoldS));
   }
-}
-
-void LiveTracker::SearchUntil(TimeNs until_ns) {
-  while (scene_.Next(until_ns, &frame_)) Search();
 }
 
 void LiveTracker::Search() {

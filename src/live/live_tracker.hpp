@@ -39,11 +39,13 @@ class LiveTracker {
   // Takes a frame. Frames come in order of stamps. Swaps `frame` as LiveScene::Take() does.
   void Take(LoadedFrame* frame);
 
-  // Emits the rows that are due when `newest_ns` is the newest stamp.
-  void EmitRows(TimeNs newest_ns);
+  // Same as of ConfirmedTracks.
+  void EmitRows(TimeNs newest_ns) {
+    scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
+  }
 
-  // Emits where the confirmed tracks are at the newest stamp.
-  void Predict(TimeNs newest_ns);
+  void Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
+  void ContinueNumbers(const LiveTracker& earlier) { tracks_.ContinueNumbers(earlier.tracks_); }
 
   // Searches as far as possible, given that no frame with a stamp before `settled_ns` will follow,
   // and emits the rows that are due at `now_ns`.
@@ -54,12 +56,11 @@ class LiveTracker {
 
   bool is_warm() const { return scene_.is_warm(); }
 
-  // Tracks of one engine never share a number: continues those of an earlier tracker.
-  void ContinueNumbers(const LiveTracker& earlier) { tracks_.ContinueNumbers(earlier.tracks_); }
-
  private:
   void MakePlots(std::size_t max_frames);
-  void SearchUntil(TimeNs until_ns);
+  void SearchUntil(TimeNs until_ns) {
+    while (scene_.Next(until_ns, &frame_)) Search();
+  }
   void Search();
   void Confirm();
   PathDecision Decide(const Path& path);

@@ -32,24 +32,29 @@ StampValidator::Verdict StampValidator::Judge(const FrameStamp& stamp) {
   Clock& clock = clocks_[stamp.sensor];
   const TimeNs time_ns = stamp.time_ns;
   if (newest_ns_ ? IsReachedByMajority(stamp.sensor, time_ns)
-                 : !stamp.arrival || MatchesHostClock(stamp)) {
+                 : !stamp.arrival || clock.MatchesHostClock()) {
     const bool is_late = newest_ns_ && time_ns < *newest_ns_ - reorder_ns_;
     if (!is_late || time_ns >= *newest_ns_ - std::max(kMaxClockDifferenceNs, reorder_ns_)) {
       clock.run = 0;
       if (is_late) return Verdict::kLate;
       if (!newest_ns_) ConfirmRun(stamp);
-      matches_host_clock_ = MatchesHostClock(stamp);
+      matches_host_clock_ = clock.MatchesHostClock();
       reached_ns_ = newest_ns_ ? std::max(reached_ns_, time_ns) : time_ns;
       return Verdict::kTaken;
     }
   }
-  ExtendOutOfSyncRun(stamp, &clock);
+  if (clock.run++ == 0) {
+    clock.run_begin_ns = clock.run_end_ns = time_ns;
+    if (now_) clock.run_steady_ns = now_->steady_ns;
+  }
+  clock.run_begin_ns = std::min(clock.run_begin_ns, time_ns);
+  clock.run_end_ns = std::max(clock.run_end_ns, time_ns);
   const bool is_behind = newest_ns_ && time_ns < *newest_ns_;
   const TimeNs back_ns = std::max(reorder_ns_, std::min(kCatchUpNs, window_ns_.value_or(0)));
   if (is_behind && (!window_ns_ || *newest_ns_ - time_ns <= back_ns)) return Verdict::kLate;
   if (!IsRunConfirmed(stamp)) return Verdict::kUnconfirmed;
   ConfirmRun(stamp);
-  matches_host_clock_ = MatchesHostClock(stamp);
+  matches_host_clock_ = clock.MatchesHostClock();
   const bool is_restart =
       is_behind || (window_ns_ && newest_ns_ && clock.run_begin_ns - *newest_ns_ > *window_ns_);
   return is_restart ? Verdict::kRestart : Verdict::kTaken;
@@ -76,17 +81,9 @@ void StampValidator::UpdateClock(const FrameStamp& stamp) {
   clock.host_clock_error_ns = now_ ? std::abs(stamp.time_ns - now_->unix_ns) : kMaxStampNs;
 }
 
-void StampValidator::ExtendOutOfSyncRun(const FrameStamp& stamp, Clock* clock) const {
-  if (clock->run++ == 0) {
-    clock->run_begin_ns = clock->run_end_ns = stamp.time_ns;
-    if (now_) clock->run_steady_ns = now_->steady_ns;
-  }
-  clock->run_begin_ns = std::min(clock->run_begin_ns, stamp.time_ns);
-  clock->run_end_ns = std::max(clock->run_end_ns, stamp.time_ns);
-}
-
-bool StampValidator::MatchesHostClock(const FrameStamp& stamp) const {
-  return now_ && std::abs(stamp.time_ns - now_->unix_ns) <= kHostClockToleranceNs;
+// True if a clock is in a run that has reached about this time.
+bool StampValidator::IsInRunOf(const Clock& clock, TimeNs time_ns) const {
+  return clock.run > 0 && std::abs(NowOf(clock) - time_ns) <= kMaxClockDifferenceNs;
 }
 
 TimeNs StampValidator::ElapsedNs(const Clock& clock) const {
@@ -130,9 +127,7 @@ bool StampValidator::IsReachedByMajority(std::uint32_t sensor, TimeNs time_ns) c
 bool StampValidator::IsConfirmed(std::uint32_t sensor, TimeNs time_ns) const {
   const Clock& clock = clocks_[sensor];
   if (newest_ns_ && time_ns < *newest_ns_ - reorder_ns_) return false;
-  if (clock.is_run_confirmed && clock.run_begin_ns <= time_ns && time_ns <= clock.run_end_ns) {
-    return true;
-  }
+  if (clock.is_run_confirmed && clock.HasInRun(time_ns)) return true;
   // A sensor that is farther ahead has another clock, and its earlier stamps are wrong, too.
   return newest_ns_ &&
          IsReachedByMajority(sensor, std::max(time_ns, *clock.last_ns - kMaxClockDifferenceNs));
@@ -142,8 +137,8 @@ bool StampValidator::IsPending(std::uint32_t sensor, TimeNs time_ns) const {
   const Clock& clock = clocks_[sensor];
   const TimeNs kept_ns =
       std::max(silent_ns_ + 2 * kMaxClockDifferenceNs, 2 * kFramesToConfirm * clock.period_ns());
-  return clock.run > 0 && IsActive(clock) && clock.run_begin_ns <= time_ns &&
-         time_ns <= clock.run_end_ns && *clock.last_ns - time_ns <= kept_ns;
+  return clock.run > 0 && IsActive(clock) && clock.HasInRun(time_ns) &&
+         *clock.last_ns - time_ns <= kept_ns;
 }
 
 bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
@@ -157,7 +152,7 @@ bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
     const Clock& clock = clocks_[i];
     if (i == stamp.sensor || !IsActive(clock)) continue;
     if (newest_ns_ && clock.run == 0) is_stream_heard = true;
-    if (clock.run > 0 && std::abs(NowOf(clock) - stamp.time_ns) <= kMaxClockDifferenceNs) {
+    if (IsInRunOf(clock, stamp.time_ns)) {
       ++agreeing;
       frames += clock.run;
     } else {
@@ -165,7 +160,7 @@ bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
       others_host_clock_error_ns = std::min(others_host_clock_error_ns, clock.host_clock_error_ns);
     }
   }
-  const bool matches_host_clock = MatchesHostClock(stamp);
+  const bool matches_host_clock = own.MatchesHostClock();
   const bool contradicts_host_clock = newest_ns_ && matches_host_clock_ && !matches_host_clock;
   const TimeNs min_run_ns = contradicts_host_clock              ? silent_ns_
                             : newest_ns_ && matches_host_clock_ ? kBurstNs
@@ -185,11 +180,8 @@ bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
 void StampValidator::ConfirmRun(const FrameStamp& stamp) {
   for (std::size_t i = 0; i < clocks_.size(); ++i) {
     Clock& clock = clocks_[i];
-    const bool is_own = i == stamp.sensor;
-    if (!is_own && (clock.run == 0 || !IsActive(clock) ||
-                    std::abs(NowOf(clock) - stamp.time_ns) > kMaxClockDifferenceNs)) {
-      continue;
-    }
+    const bool agrees = IsActive(clock) && IsInRunOf(clock, stamp.time_ns);
+    if (i != stamp.sensor && !agrees) continue;
     if (clock.run == 0) clock.run_begin_ns = clock.run_end_ns = stamp.time_ns;
     clock.run = 0;
     clock.is_run_confirmed = true;
@@ -199,10 +191,6 @@ void StampValidator::ConfirmRun(const FrameStamp& stamp) {
 void StampValidator::Begin() {
   newest_ns_.reset();
   reached_ns_ = -kMaxStampNs;
-}
-
-void StampValidator::Take(TimeNs time_ns) {
-  newest_ns_ = std::max(newest_ns_.value_or(time_ns), time_ns);
 }
 
 }  // namespace unlidar

@@ -54,7 +54,7 @@ class StampValidator {
   bool IsPending(std::uint32_t sensor, TimeNs time_ns) const;
 
   // Advances newest_ns() to a stamp or the time now; never moves it back.
-  void Take(TimeNs time_ns);
+  void Take(TimeNs time_ns) { newest_ns_ = std::max(newest_ns_.value_or(time_ns), time_ns); }
 
   // True if the last frame of a sensor did not follow the clock of the stream.
   bool IsOutOfSync(std::uint32_t sensor) const { return clocks_[sensor].run > 0; }
@@ -74,14 +74,17 @@ class StampValidator {
     std::array<TimeNs, 3> steps_ns{};  // last steps, 0 where the stamp went back
     TimeNs heard_ns = 0;               // stream_ns_ at the last stamp
     TimeNs heard_steady_ns = 0;
-    TimeNs host_clock_error_ns =
-        kMaxStampNs;  // absolute difference of the last stamp from the host clock
+    TimeNs host_clock_error_ns = kMaxStampNs;  // of the last stamp, absolute
     // Run: consecutive frames that are out of sync with the stream and continue from each other.
     int run = 0;
     TimeNs run_begin_ns = 0;
     TimeNs run_end_ns = 0;
     TimeNs run_steady_ns = 0;  // host time of its start
     bool is_run_confirmed = false;
+
+    bool MatchesHostClock() const { return host_clock_error_ns <= kHostClockToleranceNs; }
+
+    bool HasInRun(TimeNs time_ns) const { return run_begin_ns <= time_ns && time_ns <= run_end_ns; }
 
     // Shortest recent step, robust to lost frames. Capped above the period of any LiDAR, so that
     // sums of a few periods and a stamp do not overflow.
@@ -92,8 +95,7 @@ class StampValidator {
   };
 
   void UpdateClock(const FrameStamp& stamp);
-  void ExtendOutOfSyncRun(const FrameStamp& stamp, Clock* clock) const;
-  bool MatchesHostClock(const FrameStamp& stamp) const;
+  bool IsInRunOf(const Clock& clock, TimeNs time_ns) const;
   bool IsActive(const Clock& clock) const;
   TimeNs ElapsedNs(const Clock& clock) const;
   TimeNs NowOf(const Clock& clock) const;

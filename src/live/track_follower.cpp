@@ -1,11 +1,10 @@
 #include "live/track_follower.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "base/algorithms.hpp"
 #include "base/recording.hpp"
-#include "live/rejoin.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"
 
@@ -26,22 +25,47 @@ constexpr double kAgilityChangeLog = -8.0;
 
 }  // namespace
 
+std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
+    const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots) {
+  const TrackModel judge = model.With(TimeOutOfView::kLogUniform);
+  const auto way_of = [&](const Members& members) {
+    std::vector<std::pair<std::size_t, Hypothesis>> way;
+    Hypothesis h = confirmed;
+    for (const std::uint32_t i : members) {
+      h = judge.PredictAndUpdate(h, plots[i].seen.plot, plots[i].at);
+      way.emplace_back(i, h);
+    }
+    return way;
+  };
+  const auto with_score = [&](Members members) {
+    const double score = way_of(members).back().second.score;
+    return Path{std::move(members), score};
+  };
+  Path path = with_score(NumbersBelow(plots.size()));
+  const auto without = [&](std::size_t first, std::size_t last) {
+    Members rest = path.plots;
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
+               rest.begin() + static_cast<std::ptrdiff_t>(last));
+    return with_score(std::move(rest));
+  };
+  while (DropStretch([&](std::uint32_t i) { return plots[i].seen.plot.time_ns; }, without,
+                     Droppable::kRunsBeforeLast, &path)) {
+  }
+  return way_of(path.plots);
+}
+
 TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
                              const RobustConfig& config, std::size_t max_hypotheses)
     : models_(&models),
-      tracker_(config.tracker),
-      collect_(config.collect),
+      config_(&config),
       max_hypotheses_(max_hypotheses),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       first_time_s_(flight.frame_times.front().time_s),
       fit_(config.collect),
-      body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
+      body_sigma_m_(config.collect.extent_sigma_m),
+      body_scatter_m2_(kBodyPriorReturns * body_sigma_m_ * body_sigma_m_),
       body_count_(kBodyPriorReturns),
-      body_sigma_m_(collect_.extent_sigma_m),
-      facing_(facing_side_.Share(body_sigma_m_, collect_.centroid_offset)),
-      uses_round_bodies_(config.Uses(Rule::kRoundBodies)),
-      uses_frame_length_(config.Uses(Rule::kFrameLength)),
-      allows_agility_change_(config.Uses(Rule::kAgilityChange)) {
+      facing_(facing_side_.Share(body_sigma_m_, config.collect.centroid_offset)) {
   std::vector<const Plot*> path;
   for (std::size_t i = 0; i < flight.plots.size(); ++i) {
     path.push_back(&flight.plots[i].plot);
@@ -51,7 +75,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
     Node node;
     node.model = m;
     for (const Hypothesis& h :
-         FilterPath(models[m], path, flight.frame_times, flight.log_birth, tracker_)) {
+         FilterPath(models[m], path, flight.frame_times, flight.log_birth, config.tracker)) {
       node.h = h;
       node.confirmed = static_cast<std::int32_t>(nodes_.size());
       node.current_score = h.score;
@@ -116,7 +140,7 @@ void TrackFollower::Associate(const std::vector<LivePlot>& plots,
       association = {p.score + gain.log, scratch_.predicted.size() - 1, gain};
     }
   }
-  if (allows_agility_change_) AllowAgilityChanges();
+  if (config_->Uses(Rule::kAgilityChange)) AllowAgilityChanges();
 }
 
 // Replaces associations by the best one of the same plot where a change of agility makes that
@@ -144,7 +168,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
   next.clear();
   for (const std::int32_t leaf : leaves_) {
     const Node& node = NodeAt(leaf);
-    if (at.time_s - node.h.time_s <= tracker_.max_gap_s) {
+    if (at.time_s - node.h.time_s <= config_->tracker.max_gap_s) {
       next.emplace_back(-node.current_score, leaf);
     }
   }
@@ -229,23 +253,25 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   }
 }
 
+Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
+  const Node* before = &NodeAt(BestLeaf());
+  while (before->h.time_s > time_s && before->parent != kNoIndex) {
+    before = &NodeAt(before->parent);
+  }
+  const double since_s = time_s - before->h.time_s;
+  // The path began earlier, but its older nodes were forgotten: no extrapolation to before them.
+  if (since_s < 0.0 && time_s >= first_time_s_) return before->h.state.mean.col(0);
+  return before->h.state.mean.col(0) + since_s * before->h.state.mean.col(1);
+}
+
 std::int32_t TrackFollower::BestLeaf() const {
   return *std::max_element(leaves_.begin(), leaves_.end(), [&](std::int32_t a, std::int32_t b) {
     return NodeAt(a).current_score < NodeAt(b).current_score;
   });
 }
 
-// Settled nodes are confirmed.
-std::int32_t TrackFollower::ConfirmedAt(std::int32_t leaf) const {
-  return std::max(settled_, NodeAt(leaf).confirmed);
-}
-
 bool TrackFollower::IsLost(double time_s) const {
   return time_s - NodeAt(NewestConfirmed()).h.time_s > kMaxCoastS;
-}
-
-TimeNs TrackFollower::last_evidence_ns() const {
-  return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns;
 }
 
 // Plot of the best hypothesis, unless a new target explains the plots since the confirmed one as

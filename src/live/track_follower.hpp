@@ -1,7 +1,8 @@
-// A confirmed track of a stream: its few best association hypotheses, and its fit.
+// A track of a stream: its few best association hypotheses, and its fit.
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
@@ -10,15 +11,39 @@
 #include "collection/body.hpp"
 #include "collection/frame_timing.hpp"
 #include "live/live_plot.hpp"
-#include "live/recent_frame_times.hpp"
 #include "live/track_fit.hpp"
 #include "tracking/track_model.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 
-constexpr double kTrackFitS = 6.0;  // length of the fit before the settled plot
+// A plot that may belong to a track.
+struct FollowedPlot {
+  LivePlot seen;
+  FrameTime at;  // of its frame
+};
+
+// Returns the path of a reacquired target across the gap before it, from its last confirmed plot to
+// the last of `plots`: the numbers of its plots in `plots`, and the hypothesis after each. As in a
+// recording, the target may have been out of view, and short stretches of plots that lower the
+// score are left out: the follower had to use some plot at least every max_gap_s, whether or not it
+// was of the target.
+std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
+    const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots);
+
+// Follows a flight back in time, as a track is followed forward. Plots that the search left out,
+// because they scored no better than clutter then, join it where they match the prediction.
+// `seen`: plots in order of time, including those of the flight; `are_free` (seen): true if no
+// track has the plot; `frame_times`: of their frames; `num_frames` (sensors): up to now. Returns
+// the indices of plots before the flight, in order of time.
+std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
+                                           const std::vector<char>& are_free,
+                                           const RecentFrameTimes& frame_times,
+                                           const std::vector<std::uint32_t>& num_frames,
+                                           const std::vector<TrackModel>& models,
+                                           const RobustConfig& config);
 
 // Association hypotheses that a track carries from frame to frame: most plots have one for each
 // agility.
@@ -26,7 +51,8 @@ constexpr std::size_t kMaxHypotheses = 48;
 
 class TrackFollower {
  public:
-  // Continues a flight. `models`: one for each agility; must outlive the follower.
+  // Continues a flight. `models`: one for each agility. They and `config` must outlive the
+  // follower.
   TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
                 const RobustConfig& config, std::size_t max_hypotheses = kMaxHypotheses);
 
@@ -42,17 +68,17 @@ class TrackFollower {
   // Makes the associations until `until_ns` final, and appends the plots that this settles.
   void Settle(TimeNs until_ns, std::vector<LivePlot>* settled);
 
-  // Appends the plots of the path with the highest score, before any are settled. A target that
-  // may be gone after any plot is not charged for missed detections behind its last one.
-  void GetLikeliestPath(std::vector<LivePlot>* plots) const;
+  // Returns the plots of the path with the highest score, the last one first, before any are
+  // settled. A target that may be gone after any plot is not charged for missed detections behind
+  // its last one.
+  std::vector<LivePlot> LikeliestPath() const;
 
   // Time of the newest confirmed plot.
-  TimeNs last_evidence_ns() const;
+  TimeNs last_evidence_ns() const { return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns; }
   // Time of the newest plot that may belong to the target.
   TimeNs last_tentative_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }
 
-  // Fits the trajectory to the recent plots.
   void Fit(TrajectoryFitter& fitter);
   const TrackFit& fit() const { return fit_; }
   // True if plots were added since the last fit.
@@ -118,8 +144,11 @@ class TrackFollower {
   void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
   std::int32_t LikeliestEnd() const;  // of all paths
-  // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
-  std::int32_t ConfirmedAt(std::int32_t leaf) const;
+  // The newest confirmed node on the path to a leaf, and on the path to the best leaf. Settled
+  // nodes are confirmed.
+  std::int32_t ConfirmedAt(std::int32_t leaf) const {
+    return std::max(settled_, NodeAt(leaf).confirmed);
+  }
   std::int32_t NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
   void Forget();
   void MarkAncestors(std::int32_t leaf, double from_s);
@@ -134,8 +163,7 @@ class TrackFollower {
   void UpdateTiming();
 
   const std::vector<TrackModel>* models_;
-  TrackerConfig tracker_;
-  CollectConfig collect_;
+  const RobustConfig* config_;
   std::size_t max_hypotheses_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
@@ -145,9 +173,9 @@ class TrackFollower {
   TimeNs first_evidence_ns_ = 0;
   double first_time_s_;  // of its frame
   TrackFit fit_;
+  double body_sigma_m_;
   double body_scatter_m2_;  // horizontally across the ray
   double body_count_;
-  double body_sigma_m_;
   FacingSide facing_side_;
   FacingShare facing_;
   std::vector<SensorTiming> settled_timings_;  // (sensors) from settled plots,
@@ -157,9 +185,6 @@ class TrackFollower {
   double time_sigma_s_ = 0.0;
   Scratch scratch_;
   std::int32_t settled_ = kNoIndex;  // the newest settled node
-  bool uses_round_bodies_;
-  bool uses_frame_length_;
-  bool allows_agility_change_;
   bool has_new_plots_ = true;
 };
 

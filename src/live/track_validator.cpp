@@ -58,13 +58,9 @@ Rejection TrackValidator::ShapeRejection(int number, double time_s) {
   return config_.Uses(Rule::kInsect) && shape_.IsInsect() ? Rejection::kInsect : Rejection::kNone;
 }
 
-void TrackValidator::Forget(int number) {
-  EraseIf(&clouds_, [&](const Cloud& cloud) { return cloud.number == number; });
-}
-
 // True by its own shape and those of recent clouds. Its previous verdict is discarded.
 bool TrackValidator::IsCloud(int number, double time_s) {
-  Forget(number);
+  EraseIf(&clouds_, [&](const Cloud& cloud) { return cloud.number == number; });
   while (!clouds_.empty() && time_s - clouds_.front().time_s > window_s_) clouds_.pop_front();
   while (clouds_.size() >= kMaxClouds) clouds_.pop_front();
   recent_clouds_.clear();

@@ -41,7 +41,6 @@ class TrackValidator {
     Shape shape;
   };
 
-  void Forget(int number);
   void SetShape(const TrackFollower& follower, const RecentPlots& seen);
   bool IsCloud(int number, double time_s);
   Rejection ShapeRejection(int number, double time_s);

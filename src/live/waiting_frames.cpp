@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <map>
-#include <utility>
 
 namespace unlidar {
 namespace {
@@ -19,6 +18,57 @@ std::size_t BytesOf(const LoadedFrame& frame) {
 }
 
 }  // namespace
+
+bool HeldFrames::Has(std::uint32_t sensor, TimeNs time_ns) const {
+  return std::any_of(held_.begin(), held_.end(), [&](const Held& held) {
+    return held.frame.sensor == sensor && held.time_ns == time_ns;
+  });
+}
+
+void HeldFrames::Add(CloudFrame frame, TimeNs time_ns) {
+  points_ += frame.cloud.points_m.size();
+  held_.push_back({time_ns, std::string(frame.name), std::move(frame)});
+}
+
+bool HeldFrames::TakeAt(HeldIterator position, Held* taken) {
+  if (position == held_.end()) return false;
+  *taken = std::move(*position);
+  taken->frame.name = taken->name;
+  points_ -= taken->frame.cloud.points_m.size();
+  held_.erase(position);
+  return true;
+}
+
+bool HeldFrames::TakeEarliest(const Condition& is_due, Held* taken) {
+  HeldIterator earliest = held_.end();
+  for (HeldIterator at = held_.begin(); at != held_.end(); ++at) {
+    const bool is_earlier =
+        earliest == held_.end() || std::make_pair(at->time_ns, at->frame.sensor) <
+                                       std::make_pair(earliest->time_ns, earliest->frame.sensor);
+    if (is_earlier && is_due(at->frame.sensor, at->time_ns)) earliest = at;
+  }
+  return TakeAt(earliest, taken);
+}
+
+bool HeldFrames::TakeOverflow(const Condition& should_drop, Held* taken) {
+  const HeldIterator found = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
+    return should_drop(held.frame.sensor, held.time_ns);
+  });
+  if (found != held_.end()) return TakeAt(found, taken);
+  const bool is_overfull = held_.size() > kMaxFrames || (held_.size() > 1 && points_ > kMaxPoints);
+  return is_overfull && TakeAt(OldestOfBusiestSensor(), taken);
+}
+
+HeldFrames::HeldIterator HeldFrames::OldestOfBusiestSensor() {
+  std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
+  for (const Held& held : held_) {
+    cost[held.frame.sensor] += held.frame.cloud.points_m.size() + kMaxPoints / kMaxFrames;
+  }
+  const auto most = std::max_element(
+      cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  return std::find_if(held_.begin(), held_.end(),
+                      [&](const Held& held) { return held.frame.sensor == most->first; });
+}
 
 LoadedFrame& WaitingFrames::Next() {
   if (num_waiting_ == slots_.size()) slots_.emplace_back();

@@ -10,7 +10,6 @@
 #include "base/format.hpp"
 #include "base/maths.hpp"
 #include "io/frame_directory.hpp"
-#include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"
 #include "scene/sway.hpp"
@@ -135,7 +134,6 @@ class SensorMonitors {
     }
   }
 
-  // No frame will follow.
   void Finish(PipelineResult* result) {
     result->warnings = result->recording.warnings;
     for (std::uint32_t i = 0; i < health_.size(); ++i) {
@@ -177,7 +175,6 @@ class SensorMonitors {
   std::vector<PoseCheck> poses_;      // (sensors)
 };
 
-// Reads the recording and finds its targets.
 std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
                                   const FrameFeed& frames, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
@@ -230,7 +227,6 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   return targets;
 }
 
-// Makes tracks of the targets of the recording and fills the result.
 void MakeTracks(const PipelineRequest& request, const Config& config,
                 const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
   const Recording& recording = result.recording;

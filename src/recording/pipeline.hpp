@@ -57,9 +57,8 @@ struct PipelineResult {
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
-  std::size_t tracks_left_out =
-      0;  // as of PipelineRequest::max_bird_probability; the others keep their ids
-  OutputInstants output_instants;  // at which the tracks have rows
+  std::size_t tracks_left_out = 0;  // for max_bird_probability; the others keep their ids
+  OutputInstants output_instants;   // at which the tracks have rows
   std::vector<Warning> warnings;
   std::vector<double> blinded_s;  // for how long each sensor was, see SensorHealth
   std::vector<double> sway_deg;   // largest amplitude of each, see Sway

@@ -10,33 +10,139 @@
 #include "collection/suspended.hpp"
 #include "scene/multi_station_plots.hpp"
 #include "tracking/alternative_modes.hpp"
-#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
-#include "tracking/path_gates.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
 namespace {
 
-// Collects the targets of paths, one after the other: a return belongs to at most one target.
-class TargetCollector {
+// Searches the paths of a recording, judges them, and collects their targets.
+class TargetSearch {
  public:
-  // Paths are modified if two belong to one target.
-  TargetCollector(const Recording& recording, const MultiStationPlots& multi_station_plots,
-                  const std::vector<StationModel>& station_models,
-                  const ScanSchedule& scan_schedule, const RobustConfig& config,
-                  const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
+  TargetSearch(const Recording& recording, const RobustConfig& config,
+               const TrajectoryConfig& trajectory_config)
       : recording_(recording),
-        plots_(multi_station_plots.plots()),
-        station_models_(station_models),
-        scan_schedule_(scan_schedule),
         config_(config),
         trajectory_config_(trajectory_config),
-        paths_(*paths),
-        excluded_(multi_station_plots.are_bodies()),
-        assigned_returns_(excluded_.size(), 0) {}
+        found_(recording, Stations(recording.sensors), config),
+        plots_(found_.plots()),
+        scan_schedule_(ScanScheduleOf(recording)),
+        station_models_(found_.StationModels()),
+        score_threshold_(
+            ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots_.size(), 1)),
+                           config.false_alarms_per_recording, config.tracker)) {}
 
+  // The plots of targets are no clutter, which makes a second round more sensitive; it suffices to
+  // know them roughly. Static unsupported plots are none from the start.
+  void Run() {
+    assigned_.resize(plots_.size());
+    std::transform(plots_.begin(), plots_.end(), assigned_.begin(), [](const Plot& plot) {
+      return static_cast<char>(plot.is_floating && plot.has_structure);
+    });
+    const auto search = [&] {
+      return DecideOn(FindPaths(plots_, scan_schedule_, config_.tracker));
+    };
+    found_.EstimateClutter(assigned_);
+    const bool has_second_round = config_.Uses(Rule::kSecondRound);
+    const bool is_second_round =
+        has_second_round && DecideOn(FindPathsRoughly(plots_, scan_schedule_, config_.tracker));
+    if (is_second_round) found_.EstimateClutter(assigned_);
+    if (search() && has_second_round && !is_second_round) {
+      found_.EstimateClutter(assigned_);
+      search();
+    }
+  }
+
+  // Returns the targets of the paths that no rule has refused; sets the verdicts of the others.
+  // They are collected one after the other: a return belongs to at most one target.
+  std::vector<Target> Collect() {
+    excluded_ = found_.are_bodies();
+    assigned_returns_.assign(excluded_.size(), 0);
+    for (std::size_t k = 0; k < paths_.size(); ++k) {
+      PathVerdict& verdict = verdicts_[k];
+      if (verdict.rejection == Rejection::kNone) verdict.rejection = Add(k);
+    }
+    const std::vector<Rejection> rejections =
+        ShapeRejections(recording_, station_models_, plots_, targets_, config_);
+    std::vector<Target> kept;
+    for (std::size_t t = 0; t < targets_.size(); ++t) {
+      verdicts_[path_of_[t]].rejection = rejections[t];
+      if (rejections[t] == Rejection::kNone) kept.push_back(std::move(targets_[t]));
+    }
+    return kept;
+  }
+
+  RobustCounts Counts() const {
+    const std::vector<char>& are_bodies = found_.are_bodies();
+    return {found_.num_unexplained(),
+            static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
+            plots_.size(),
+            paths_.size(),
+            score_threshold_,
+            config_.false_alarms_per_recording};
+  }
+
+  SearchTrace Trace() const {
+    return {plots_, found_.are_bodies(), paths_, verdicts_, score_threshold_};
+  }
+
+ private:
+  // Takes these paths, sets the verdicts on them, and cuts off from them what is no drone. Returns
+  // true if any is a target, whose plots are then assigned.
+  bool DecideOn(std::vector<Path> paths) {
+    paths_ = std::move(paths);
+    verdicts_.clear();
+    bool has_target = false;
+    std::vector<char> are_free(plots_.size(), 1);
+    const std::vector<double> log_births = LogBirths(plots_, scan_schedule_, config_.tracker);
+    const PathGates gates(PathScorer(plots_, log_births, scan_schedule_, config_.tracker),
+                          score_threshold_, recording_, found_.bodies(), config_);
+    const PathScorer joins(plots_, log_births, scan_schedule_, config_.tracker,
+                           TimeOutOfView::kLogUniform);
+    const auto rejection_of = [&](const Path& path) {
+      return path.score < score_threshold_ ? Rejection::kBelowThreshold
+                                           : gates.RejectionOf(path.plots);
+    };
+    const auto other_side_of = [&](const auto& before, const auto& after) {
+      const bool begins_without = gates.IsNoDrone(before);
+      if (begins_without == gates.IsNoDrone(after)) return OtherSide::kNone;
+      return begins_without ? OtherSide::kBefore : OtherSide::kAfter;
+    };
+    for (Path& path : paths_) {
+      PathVerdict& verdict = verdicts_.emplace_back();
+      verdict.rejection = rejection_of(path);
+      if (verdict.rejection != Rejection::kNone) continue;
+      if (config_.Uses(Rule::kPause) && CutAtPauses(joins, other_side_of, &path)) {
+        path = joins.WithScore(path.plots);
+        verdict.rejection = rejection_of(path);
+        if (verdict.rejection != Rejection::kNone) continue;
+      }
+      if (config_.Uses(Rule::kCrowded)) {
+        verdict.crowding_penalty =
+            CrowdingPenalty(path.plots, plots_, are_free,
+                            [this](const Plot& plot) { return NumFramesAbout(plot); });
+      }
+      if (path.score - verdict.crowding_penalty < score_threshold_) {
+        verdict.rejection = Rejection::kCrowded;
+        continue;
+      }
+      for (const std::uint32_t i : path.plots) {
+        are_free[i] = 0;
+        assigned_[i] = 1;
+      }
+      has_target = true;
+    }
+    return has_target;
+  }
+
+  std::uint32_t NumFramesAbout(const Plot& plot) const {
+    const TimeBins& bins = *station_models_[plot.sensor].bins;
+    return bins.NumFrames(plot.sensor,
+                          bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
+  }
+
+  // Collects the target of a path, or extends another one by it if both are one.
   Rejection Add(std::size_t k) {
     const Path& path = paths_[k];
     std::vector<Plot> members = FreePlotsOf(path);
@@ -58,19 +164,6 @@ class TargetCollector {
     return Rejection::kNone;
   }
 
-  // Returns the targets that pass the shape gates; sets the verdicts (paths) of the others.
-  std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
-    const std::vector<Rejection> rejections =
-        ShapeRejections(recording_, station_models_, plots_, targets_, config_);
-    std::vector<Target> kept;
-    for (std::size_t t = 0; t < targets_.size(); ++t) {
-      (*verdicts)[path_of_[t]].rejection = rejections[t];
-      if (rejections[t] == Rejection::kNone) kept.push_back(std::move(targets_[t]));
-    }
-    return kept;
-  }
-
- private:
   // Returns the plots of a path without excluded returns.
   std::vector<Plot> FreePlotsOf(const Path& path) const {
     std::vector<Plot> members = ValuesAt(path.plots, plots_);
@@ -88,8 +181,9 @@ class TargetCollector {
     const std::vector<Measurement>& measurements = target->measurements;
     // Without the returns of other targets a single measurement may be left, which is no track.
     if (measurements.size() < 2) return Rejection::kSingleMeasurement;
-    if (config_.Uses(Rule::kSuspended) && MayBeSuspended(measurements))
+    if (config_.Uses(Rule::kSuspended) && MayBeSuspended(measurements)) {
       return Rejection::kSuspended;
+    }
     target->score = paths_[k].score;
     if (config_.Uses(Rule::kAlternatives)) {
       target->alternative_modes =
@@ -150,144 +244,8 @@ class TargetCollector {
   }
 
   const Recording& recording_;
-  const std::vector<Plot>& plots_;
-  const std::vector<StationModel>& station_models_;
-  const ScanSchedule& scan_schedule_;
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
-  std::vector<Path>& paths_;
-  std::vector<char> excluded_;          // returns of bodies and of targets
-  std::vector<char> assigned_returns_;  // returns of targets
-  std::vector<Target> targets_;
-  std::vector<std::size_t> path_of_;  // (targets)
-};
-
-// Searches the paths of a recording, and judges them.
-class PathSearch {
- public:
-  PathSearch(const Recording& recording, const RobustConfig& config)
-      : recording_(recording),
-        config_(config),
-        found_(recording, Stations(recording.sensors), config),
-        plots_(found_.plots()),
-        scan_schedule_(ScanScheduleOf(recording)),
-        station_models_(found_.StationModels()),
-        score_threshold_(
-            ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots_.size(), 1)),
-                           config.false_alarms_per_recording, config.tracker)) {}
-
-  // The plots of targets are no clutter, which makes a second round more sensitive; it suffices to
-  // know them roughly. Static unsupported plots are none from the start.
-  void Run() {
-    assigned_.resize(plots_.size());
-    std::transform(plots_.begin(), plots_.end(), assigned_.begin(), [](const Plot& plot) {
-      return static_cast<char>(plot.is_floating && plot.has_structure);
-    });
-    const auto search = [&] {
-      return DecideOn(FindPaths(plots_, scan_schedule_, config_.tracker));
-    };
-    found_.EstimateClutter(assigned_);
-    const bool has_second_round = config_.Uses(Rule::kSecondRound);
-    const bool is_second_round =
-        has_second_round && DecideOn(FindPathsRoughly(plots_, scan_schedule_, config_.tracker));
-    if (is_second_round) found_.EstimateClutter(assigned_);
-    if (search() && has_second_round && !is_second_round) {
-      found_.EstimateClutter(assigned_);
-      search();
-    }
-  }
-
-  // Collects the targets of the paths that no rule has refused; sets the verdicts of the others.
-  std::vector<Target> Collect(const TrajectoryConfig& trajectory_config) {
-    TargetCollector collector(recording_, found_, station_models_, scan_schedule_, config_,
-                              trajectory_config, &paths_);
-    for (std::size_t k = 0; k < paths_.size(); ++k) {
-      PathVerdict& verdict = verdicts_[k];
-      if (verdict.rejection == Rejection::kNone) verdict.rejection = collector.Add(k);
-    }
-    return collector.Finish(&verdicts_);
-  }
-
-  RobustCounts Counts() const {
-    const std::vector<char>& are_bodies = found_.are_bodies();
-    return {found_.num_unexplained(),
-            static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
-            plots_.size(),
-            paths_.size(),
-            score_threshold_,
-            config_.false_alarms_per_recording};
-  }
-
-  SearchTrace Trace() const {
-    return {plots_, found_.are_bodies(), paths_, verdicts_, score_threshold_};
-  }
-
- private:
-  // Takes and judges these paths. Returns true if any is a target, whose plots are then assigned.
-  bool DecideOn(std::vector<Path> paths) {
-    paths_ = std::move(paths);
-    Judge();
-    bool has_target = false;
-    for (std::size_t k = 0; k < paths_.size(); ++k) {
-      if (verdicts_[k].rejection != Rejection::kNone) continue;
-      for (const std::uint32_t i : paths_[k].plots) assigned_[i] = 1;
-      has_target = true;
-    }
-    return has_target;
-  }
-
-  // Sets the verdicts on the paths, and cuts off from them what is no drone.
-  void Judge() {
-    verdicts_.clear();
-    std::vector<char> are_free(plots_.size(), 1);
-    const std::vector<double> log_births = LogBirths(plots_, scan_schedule_, config_.tracker);
-    const PathGates gates(PathScorer(plots_, log_births, scan_schedule_, config_.tracker),
-                          score_threshold_, recording_, found_.bodies(), config_);
-    const PathScorer joins(plots_, log_births, scan_schedule_, config_.tracker,
-                           TimeOutOfView::kLogUniform);
-    for (Path& path : paths_) {
-      PathVerdict& verdict = verdicts_.emplace_back();
-      verdict.rejection = RejectionOf(gates, path);
-      if (verdict.rejection != Rejection::kNone) continue;
-      if (config_.Uses(Rule::kPause) && CutAtPauses(joins, OtherSideBy(gates), &path)) {
-        path = joins.WithScore(path.plots);
-        verdict.rejection = RejectionOf(gates, path);
-        if (verdict.rejection != Rejection::kNone) continue;
-      }
-      if (config_.Uses(Rule::kCrowded)) {
-        verdict.crowding_penalty =
-            CrowdingPenalty(path.plots, plots_, are_free,
-                            [this](const Plot& plot) { return NumFramesAbout(plot); });
-      }
-      if (path.score - verdict.crowding_penalty < score_threshold_) {
-        verdict.rejection = Rejection::kCrowded;
-        continue;
-      }
-      for (const std::uint32_t i : path.plots) are_free[i] = 0;
-    }
-  }
-
-  Rejection RejectionOf(const PathGates& gates, const Path& path) const {
-    return path.score < score_threshold_ ? Rejection::kBelowThreshold
-                                         : gates.RejectionOf(path.plots);
-  }
-
-  static OtherSideOfPause OtherSideBy(const PathGates& gates) {
-    return [&gates](const auto& before, const auto& after) {
-      const bool begins_without = gates.IsNoDrone(before);
-      if (begins_without == gates.IsNoDrone(after)) return OtherSide::kNone;
-      return begins_without ? OtherSide::kBefore : OtherSide::kAfter;
-    };
-  }
-
-  std::uint32_t NumFramesAbout(const Plot& plot) const {
-    const TimeBins& bins = *station_models_[plot.sensor].bins;
-    return bins.NumFrames(plot.sensor,
-                          bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
-  }
-
-  const Recording& recording_;
-  const RobustConfig& config_;
   MultiStationPlots found_;
   const std::vector<Plot>& plots_;
   ScanSchedule scan_schedule_;
@@ -295,7 +253,11 @@ class PathSearch {
   double score_threshold_;
   std::vector<char> assigned_;  // (plots)
   std::vector<Path> paths_;
-  std::vector<PathVerdict> verdicts_;  // (paths)
+  std::vector<PathVerdict> verdicts_;   // (paths)
+  std::vector<char> excluded_;          // returns of bodies and of targets
+  std::vector<char> assigned_returns_;  // returns of targets
+  std::vector<Target> targets_;
+  std::vector<std::size_t> path_of_;  // (targets)
 };
 
 }  // namespace
@@ -307,10 +269,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     if (trace) trace(recording, {{}, {}, {}, {}, 0.0});
     return result;
   }
-  PathSearch search(recording, config);
+  TargetSearch search(recording, config, trajectory_config);
   search.Run();
   result.counts = search.Counts();
-  result.targets = search.Collect(trajectory_config);
+  result.targets = search.Collect();
   if (trace) trace(recording, search.Trace());
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.time_bias_ns;

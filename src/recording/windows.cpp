@@ -1,8 +1,6 @@
-#include "recording/windows.hpp"
-
+// Targets of recordings of any length, in bounded memory.
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
 #include <iterator>
 #include <limits>
@@ -10,6 +8,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
+#include "recording/robust.hpp"
 
 namespace unlidar {
 namespace {
@@ -89,10 +88,8 @@ class WindowSearch {
 
   // The stamp of the first frame that is not before a time.
   TimeNs NextStampNs(TimeNs from_ns) const {
-    for (const FrameInfo& frame : window_.frames) {
-      if (frame.stamp_ns >= from_ns) return frame.stamp_ns;
-    }
-    return next_stamp_ns_;
+    const auto next = FirstFrom(window_.frames, &FrameInfo::stamp_ns, from_ns);
+    return next != window_.frames.end() ? next->stamp_ns : next_stamp_ns_;
   }
 
   RobustResult Finish(Recording* recording) {
@@ -141,9 +138,7 @@ class WindowSearch {
  private:
   // Forgets the frames before a stamp.
   void DropBefore(TimeNs stamp_ns) {
-    const auto first =
-        std::find_if(window_.frames.begin(), window_.frames.end(),
-                     [&](const FrameInfo& frame) { return frame.stamp_ns >= stamp_ns; });
+    const auto first = FirstFrom(window_.frames, &FrameInfo::stamp_ns, stamp_ns);
     const std::uint32_t gone = first == window_.frames.begin() ? 0 : std::prev(first)->last_return;
     first_frame_ += static_cast<std::uint64_t>(first - window_.frames.begin());
     window_.frames.erase(window_.frames.begin(), first);
@@ -176,11 +171,13 @@ class WindowSearch {
       std::size_t before;
       std::size_t behind;
     };
+    const std::size_t num_before = tracklets_.size();
+    std::move(found.begin(), found.end(), std::back_inserter(tracklets_));
     std::vector<Pair> pairs;
-    for (std::size_t i = 0; i < tracklets_.size(); ++i) {
+    for (std::size_t i = 0; i < num_before; ++i) {
       if (tracklets_[i].returns.back().stamp_ns < border_ns - margin_ns_) continue;
-      for (std::size_t k = 0; k < found.size(); ++k) {
-        const std::size_t shared = CountShared(tracklets_[i], found[k]);
+      for (std::size_t k = num_before; k < tracklets_.size(); ++k) {
+        const std::size_t shared = CountShared(tracklets_[i], tracklets_[k]);
         if (shared > 0) pairs.push_back({shared, i, k});
       }
     }
@@ -194,17 +191,14 @@ class WindowSearch {
           }));
     };
     std::vector<char> is_cut(tracklets_.size(), 0);
-    std::vector<char> is_joined(found.size(), 0);
-    std::vector<char> is_cut_behind(found.size(), 0);
     for (const Pair& pair : pairs) {
       Tracklet& before = tracklets_[pair.before];
-      Tracklet& behind = found[pair.behind];
-      const bool are_one = !is_cut[pair.before] && !is_cut_behind[pair.behind] &&
+      Tracklet& behind = tracklets_[pair.behind];
+      const bool are_one = !is_cut[pair.before] && !is_cut[pair.behind] &&
                            2 * pair.shared >= std::min(about_border(before), about_border(behind));
       if (!std::exchange(is_cut[pair.before], 1)) Cut(border_ns, true, &before);
-      if (!std::exchange(is_cut_behind[pair.behind], 1)) Cut(border_ns, false, &behind);
+      if (!std::exchange(is_cut[pair.behind], 1)) Cut(border_ns, false, &behind);
       if (!are_one) continue;
-      is_joined[pair.behind] = 1;
       before.target.score += behind.target.score;
       before.target.common_errors =
           LargerErrors(before.target.common_errors, behind.target.common_errors);
@@ -214,16 +208,15 @@ class WindowSearch {
       append(behind.returns, &before.returns);
       append(behind.target.measurements, &before.target.measurements);
       append(behind.target.alternative_modes, &before.target.alternative_modes);
+      behind.returns.clear();
     }
     // Targets entirely beyond the border belong to the window there, which saw more of them.
     for (std::size_t i = 0; i < tracklets_.size(); ++i) {
-      if (!is_cut[i] && tracklets_[i].returns.front().stamp_ns >= border_ns)
-        tracklets_[i].returns.clear();
-    }
-    for (std::size_t k = 0; k < found.size(); ++k) {
-      const bool is_behind =
-          !found[k].returns.empty() && found[k].returns.back().stamp_ns >= border_ns;
-      if (is_behind && !is_joined[k]) tracklets_.push_back(std::move(found[k]));
+      std::vector<KeptReturn>& returns = tracklets_[i].returns;
+      if (returns.empty()) continue;
+      const bool is_beyond = i < num_before ? !is_cut[i] && returns.front().stamp_ns >= border_ns
+                                            : returns.back().stamp_ns < border_ns;
+      if (is_beyond) returns.clear();
     }
     EraseIf(&tracklets_, [](const Tracklet& tracklet) {
       return tracklet.returns.empty() || tracklet.target.measurements.empty();

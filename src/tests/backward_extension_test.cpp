@@ -1,4 +1,4 @@
-#include "live/backward_extension.hpp"
+#include "live/track_follower.hpp"
 
 #include <gtest/gtest.h>
 
@@ -52,7 +52,7 @@ class PastOfTest : public ::testing::Test {
   std::vector<std::uint32_t> PastPlots() const {
     RecentPlots seen;
     for (const LivePlot& one : seen_) seen.push_back(one);
-    return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_);
+    return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_.robust);
   }
 
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.

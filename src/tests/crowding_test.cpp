@@ -1,4 +1,4 @@
-#include "tracking/crowding.hpp"
+#include "tracking/flight.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "live/held_frames.hpp"
+#include "live/waiting_frames.hpp"
 
 #include <gtest/gtest.h>
 

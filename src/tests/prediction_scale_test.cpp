@@ -1,5 +1,3 @@
-#include "live/prediction_scale.hpp"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
@@ -7,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "live/track_fit.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "base/ray_axes.hpp"
-#include "live/rejoin.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"

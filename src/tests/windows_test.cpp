@@ -1,5 +1,5 @@
 // Long recordings, searched window by window.
-#include "recording/windows.hpp"
+#include "recording/robust.hpp"
 
 #include <gtest/gtest.h>
 

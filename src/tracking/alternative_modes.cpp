@@ -16,8 +16,6 @@
 namespace unlidar {
 namespace {
 
-using Members = std::vector<std::uint32_t>;
-
 // A plot of a hypothesis.
 struct Step {
   std::uint32_t plot = 0;
@@ -29,6 +27,7 @@ struct Step {
 struct AlternativePath {
   std::vector<Step> steps;  // from the first plot on
   double score = 0.0;       // including missed detections since the last step
+  std::size_t model = 0;    // index
 };
 
 // Modes of lower probability would increase no sigma by more than 0.5 %.
@@ -36,52 +35,29 @@ constexpr double kMinProbability = 1e-3;
 // The times of one detection, from its plot and from all returns of the frame, differ by less.
 constexpr TimeNs kSameFrameNs = 50'000'000;
 
-// Plots in order of time, or of reversed time.
-class OrderedPlots {
- public:
-  OrderedPlots(const std::vector<Plot>& plots, const std::vector<char>& free, bool is_reversed)
-      : plots_(plots), free_(free), is_reversed_(is_reversed) {}
-
-  std::size_t size() const { return plots_.size(); }
-  Plot At(std::size_t i) const {
-    return is_reversed_ ? TimeReversed(plots_[Index(i)]) : plots_[Index(i)];
-  }
-  char IsFree(std::size_t i) const { return free_[Index(i)]; }
-  TimeNs BeginNs() const { return At(0).frame_time_ns; }
-
-  // Indices of plots in this order, of those in order of time or the other way round.
-  std::size_t Index(std::size_t i) const { return is_reversed_ ? plots_.size() - 1 - i : i; }
-  Members MembersOf(const Path& path) const {
-    Members members;
-    for (const std::uint32_t i : path.plots) {
-      members.push_back(static_cast<std::uint32_t>(Index(i)));
-    }
-    if (is_reversed_) std::reverse(members.begin(), members.end());
-    return members;
-  }
-
- private:
-  const std::vector<Plot>& plots_;
-  const std::vector<char>& free_;
-  bool is_reversed_;
-};
-
 // The hypotheses of how a target continued after the last plot of its path that is certain: the
 // last one behind which the path still gains kInitiationLog. The search is that for paths, but
 // without births; a target that is missed is assumed to be still present, so its missed detections
 // count.
 class AlternativePaths {
  public:
-  AlternativePaths(const OrderedPlots& ordered, const Path& reported,
-                   const ScanSchedule& scan_schedule, const TrackerConfig& config)
-      : begin_ns_(ordered.BeginNs()), scan_schedule_(scan_schedule), config_(config) {
-    const Members members = ordered.MembersOf(reported);
+  // `is_reversed`: before the first plot that is certain, in reversed time, as `scan_schedule` is.
+  AlternativePaths(const std::vector<Plot>& plots, const std::vector<char>& are_free,
+                   const Path& reported, const ScanSchedule& scan_schedule, bool is_reversed,
+                   const TrackerConfig& config)
+      : scan_schedule_(scan_schedule), config_(config) {
+    const auto plot_at = [&](std::size_t i) {
+      return is_reversed ? TimeReversed(plots[i]) : plots[i];
+    };
+    begin_ns_ = plot_at(is_reversed ? plots.size() - 1 : 0).frame_time_ns;
+    Members members = reported.plots;
+    if (is_reversed) std::reverse(members.begin(), members.end());
     std::vector<Plot> path;
     path.reserve(members.size());
     std::vector<const Plot*> filtered;
     std::vector<FrameTime> frame_times;
     for (const std::uint32_t i : members) {
-      path.push_back(ordered.At(i));
+      path.push_back(plot_at(i));
       filtered.push_back(&path.back());
       frame_times.push_back(FrameTimeOf(path.back(), begin_ns_, scan_schedule));
     }
@@ -95,10 +71,21 @@ class AlternativePaths {
     std::size_t cut = members.size() - 1;
     while (cut > 0 && own[best].back().score - own[best][cut].score < kInitiationLog) --cut;
     SetFrames(path[cut].frame_time_ns, path.back().frame_time_ns);
-    std::vector<char> free = TakePlots(ordered, members[cut]);
+    // Copies of the plots within these frames: a recording has many more.
+    std::vector<char> free;
+    const std::size_t num_ahead = is_reversed ? members[cut] + 1U : plots.size() - members[cut];
+    for (std::size_t k = 0; k < num_ahead; ++k) {
+      const std::size_t i = is_reversed ? members[cut] - k : members[cut] + k;
+      Plot plot = plot_at(i);
+      if (plot.frame_time_ns > frames_ns_.back()) break;
+      plots_.push_back(std::move(plot));
+      free.push_back(are_free[i]);
+    }
     for (std::size_t k = cut; k < members.size(); ++k) {
-      tail_.push_back({members[k] - members[cut], own[best][k].time_s, own[best][k].state});
-      free[tail_.back().plot] = 1;
+      const std::uint32_t plot =
+          is_reversed ? members[cut] - members[k] : members[k] - members[cut];
+      tail_.push_back({plot, own[best][k].time_s, own[best][k].state});
+      free[plot] = 1;
     }
     const double score = own[best][cut].score;
     std::vector<Hypothesis> initial_hypotheses;
@@ -116,10 +103,10 @@ class AlternativePaths {
   // last plot.
   std::vector<AlternativeMode> AlternativeModes(double log_evidence_ratio) const {
     double best = -std::numeric_limits<double>::infinity();
-    for (const auto& [alternative, model] : alternatives_) best = std::max(best, alternative.score);
+    for (const AlternativePath& one : alternatives_) best = std::max(best, one.score);
     std::vector<double> weights;
     double all = 0.0;
-    for (const auto& [alternative, model] : alternatives_) {
+    for (const AlternativePath& alternative : alternatives_) {
       weights.push_back(std::exp(alternative.score - best -
                                  (IsReportedPath(alternative) ? 0.0 : log_evidence_ratio)));
       all += weights.back();
@@ -132,10 +119,10 @@ class AlternativePaths {
       Eigen::Vector3d square_sum_m2 = Eigen::Vector3d::Zero();
       const auto own = After(tail_, time_ns);
       for (std::size_t k = 0; k < alternatives_.size(); ++k) {
-        const auto& [alternative, model] = alternatives_[k];
+        const AlternativePath& alternative = alternatives_[k];
         const std::size_t next = After(alternative.steps, time_ns);
         if (IsOnReportedPath(alternative, next, own)) continue;
-        const auto [position_m, variance_m2] = At(alternative, next, models_[model], time_ns);
+        const auto [position_m, variance_m2] = At(alternative, next, time_ns);
         const Eigen::Vector3d from_origin_m = position_m - plots_[tail_.front().plot].position_m;
         sum += weights[k];
         mode.position_m += weights[k] * from_origin_m;
@@ -164,12 +151,7 @@ class AlternativePaths {
       searches.back().Begin(initial_hypotheses[m]);
       searches.back().AppendLatest(&hypotheses[m]);
     }
-    const Plot& first = plots_.front();
-    Scan scan;
-    for (std::size_t i = 0; i < plots_.size(); i = scan.last) {
-      SetScan(&plots_[i], plots_.size() - i, log_births, i,
-              FrameTimeOf(plots_[i], begin_ns_, scan_schedule_), &scan);
-      if (plots_[i].frame == first.frame) continue;
+    for (const Scan& scan : ScansOf(plots_, log_births, scan_schedule_, begin_ns_)) {
       if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
       for (std::size_t m = 0; m < searches.size(); ++m) {
         searches[m].Extend(scan);
@@ -187,6 +169,7 @@ class AlternativePaths {
     for (const Hypothesis& last : hypotheses) {
       if (last.score < min_score) continue;
       AlternativePath alternative;
+      alternative.model = model;
       alternative.score = models_[model].ScoreAfterMisses(last, end_);
       if (alternative.score < min_score) continue;
       for (const Hypothesis* h = &last; h != nullptr;
@@ -194,7 +177,7 @@ class AlternativePaths {
         alternative.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
       }
       std::reverse(alternative.steps.begin(), alternative.steps.end());
-      alternatives_.push_back({std::move(alternative), model});
+      alternatives_.push_back(std::move(alternative));
     }
   }
 
@@ -219,19 +202,6 @@ class AlternativePaths {
     }
   }
 
-  // Takes the plots within these frames, from number `first` on: copies, as a recording has many
-  // more. Returns which are free.
-  std::vector<char> TakePlots(const OrderedPlots& ordered, std::size_t first) {
-    std::vector<char> free;
-    for (std::size_t i = first; i < ordered.size(); ++i) {
-      Plot plot = ordered.At(i);
-      if (plot.frame_time_ns > frames_ns_.back()) break;
-      plots_.push_back(std::move(plot));
-      free.push_back(ordered.IsFree(i));
-    }
-    return free;
-  }
-
   double Seconds(TimeNs time_ns) const { return SecondsOf(time_ns - begin_ns_); }
 
   // Index of the first plot of a path later than a time; at least 1, as no time before its first
@@ -253,7 +223,8 @@ class AlternativePaths {
   // Position according to an alternative, and variance per axis: predicted from the plot before and
   // updated with the plot after, if there is one.
   std::pair<Eigen::Vector3d, double> At(const AlternativePath& alternative, std::size_t next,
-                                        const TrackModel& model, TimeNs time_ns) const {
+                                        TimeNs time_ns) const {
+    const TrackModel& model = models_[alternative.model];
     const Step& from = alternative.steps[next - 1];
     const Motion to_here = model.MotionOver(Seconds(time_ns) - from.time_s);
     const Eigen::Matrix3d mean = from.state.mean * to_here.transition.transpose();
@@ -271,7 +242,7 @@ class AlternativePaths {
             covariance(0, 0) - cross_covariance_m2 * cross_covariance_m2 / innovation_variance_m2};
   }
 
-  TimeNs begin_ns_;  // of the first frame with plots
+  TimeNs begin_ns_ = 0;  // of the first frame with plots
   const ScanSchedule& scan_schedule_;
   const TrackerConfig& config_;
   std::vector<Plot> plots_;  // from the first of the tail on
@@ -279,7 +250,7 @@ class AlternativePaths {
   std::vector<TimeNs> frames_ns_;
   FrameTime end_;  // of the last frame
   std::vector<TrackModel> models_;
-  std::vector<std::pair<AlternativePath, std::size_t>> alternatives_;  // with index of the model
+  std::vector<AlternativePath> alternatives_;
 };
 
 }  // namespace
@@ -302,11 +273,10 @@ std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vec
     if (m.time_ns > plots[members.back()].time_ns + kSameFrameNs) log_ratio_after += m.log_ratio;
   }
   std::vector<AlternativeMode> alternative_modes =
-      AlternativePaths(OrderedPlots(plots, free, false), paths[path], scan_schedule, config)
+      AlternativePaths(plots, free, paths[path], scan_schedule, false, config)
           .AlternativeModes(log_ratio_after);
   const ScanSchedule time_reversed = TimeReversed(scan_schedule);
-  const AlternativePaths alternatives(OrderedPlots(plots, free, true), paths[path], time_reversed,
-                                      config);
+  const AlternativePaths alternatives(plots, free, paths[path], time_reversed, true, config);
   for (AlternativeMode mode : alternatives.AlternativeModes(log_ratio_before)) {
     mode.time_ns = TimeReversed(mode.time_ns);
     alternative_modes.push_back(mode);

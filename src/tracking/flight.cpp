@@ -1,13 +1,12 @@
 #include "tracking/flight.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <set>
-#include <utility>
 
 #include "base/algorithms.hpp"
-#include "scene/time_bins.hpp"
 
 namespace unlidar {
 namespace {
@@ -22,9 +21,9 @@ double LowestM(const std::vector<Plot>& path, const Plot& plot, TimeNs margin_ns
 }
 
 // Numbers of the plots above a height over ground, as are all others close in time.
-std::vector<std::uint32_t> NumbersAbove(const std::vector<Plot>& path, double height_m) {
+Members NumbersAbove(const std::vector<Plot>& path, double height_m) {
   constexpr TimeNs kMarginNs = 750'000'000;
-  std::vector<std::uint32_t> numbers;
+  Members numbers;
   for (std::uint32_t i = 0; i < path.size(); ++i) {
     if (LowestM(path, path[i], kMarginNs) > height_m) numbers.push_back(i);
   }
@@ -146,12 +145,11 @@ double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& pat
         next->position_m - stations_m[frame.sensor] - frame.carrier.shift_m.cast<double>();
     seconds_per_m2[frame.sensor] += SecondsOf(frame.end_ns - frame.begin_ns) / ray_m.squaredNorm();
   }
-  double return_rate_m2_per_s = 0.0;
+  double highest = 0.0;
   for (std::size_t s = 0; s < returns.size(); ++s) {
-    if (returns[s] > 0.0)
-      return_rate_m2_per_s = std::max(return_rate_m2_per_s, returns[s] / seconds_per_m2[s]);
+    if (returns[s] > 0.0) highest = std::max(highest, returns[s] / seconds_per_m2[s]);
   }
-  return return_rate_m2_per_s;
+  return highest;
 }
 
 // True if a path stays above where it is while its sensor travels. Heights do not count: a pole,
@@ -159,6 +157,38 @@ double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& pat
 bool IsPassedAtRest(const std::vector<Plot>& path) {
   return (path.back().shift_m - path.front().shift_m).norm() > kMaxStationRadiusM &&
          DisplacementM(path).head<2>().norm() < kMinDisplacement.At(path.front().ray_m.norm());
+}
+
+// Plots near a path that are neither its own nor those of targets, in the order of `plots`.
+std::vector<const Plot*> OthersNear(const Members& path, const std::vector<Plot>& plots,
+                                    const std::vector<char>& are_free) {
+  Eigen::AlignedBox3d box;
+  double widest_m = 0.0;
+  for (const std::uint32_t i : path) {
+    box.extend(plots[i].position_m);
+    widest_m = std::max(widest_m, kClutterNarrow.At(plots[i].ray_m.norm()));
+  }
+  const Eigen::AlignedBox3d near(box.min().array() - widest_m, box.max().array() + widest_m);
+  std::vector<const Plot*> others;
+  for (std::uint32_t k = 0; k < plots.size(); ++k) {
+    if (are_free[k] == 0 || !near.contains(plots[k].position_m)) continue;
+    if (!std::binary_search(path.begin(), path.end(), k)) others.push_back(&plots[k]);
+  }
+  return others;
+}
+
+// Returns the number of others within kCrowdingReachS of each of these times, in all. They ascend.
+double NumWithinReach(const std::vector<TimeNs>& times_ns) {
+  const TimeNs reach_ns = NsOf(kCrowdingReachS);
+  std::size_t count = 0;
+  auto first = times_ns.begin();
+  auto last = times_ns.begin();
+  for (const TimeNs time_ns : times_ns) {
+    while (*first < time_ns - reach_ns) ++first;
+    while (last != times_ns.end() && *last <= time_ns + reach_ns) ++last;
+    count += static_cast<std::size_t>(last - first) - 1;
+  }
+  return static_cast<double>(count);
 }
 
 }  // namespace
@@ -224,13 +254,13 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  const auto is_path = [&](const std::vector<std::uint32_t>& numbers) {
+  const auto is_path = [&](const Members& numbers) {
     return numbers.size() == path.size() ||
            (static_cast<int>(numbers.size()) >= config.min_plots && reaches_threshold(numbers));
   };
   // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
-  std::vector<std::uint32_t> high = NumbersAbove(path, config.off_ground_m);
+  Members high = NumbersAbove(path, config.off_ground_m);
   if (!is_path(high)) {
     if (!HasNothingBelow(recording, path, bodies, config)) return Rejection::kNearGround;
     high = NumbersAbove(path, std::min(kClearM, config.off_ground_m));
@@ -242,6 +272,49 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
     return Rejection::kWeakReturn;
   if (config.Uses(Rule::kStationary) && IsPassedAtRest(path)) return Rejection::kStationary;
   return Rejection::kNone;
+}
+
+Rejection PathGates::RejectionOf(const Members& members) const {
+  const auto reaches_threshold = [&](const Members& numbers) {
+    return ReachesThreshold(ValuesAt(numbers, members));
+  };
+  return FlightRejection(recording_, ValuesAt(members, scorer_.plots()), bodies_, reaches_threshold,
+                         config_);
+}
+
+double CrowdingPenalty(const Members& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_free,
+                       const std::function<std::uint32_t(const Plot&)>& num_frames_about) {
+  const TimeNs reach_ns = NsOf(kCrowdingReachS);
+  const std::vector<const Plot*> others = OthersNear(path, plots, are_free);
+  std::vector<TimeNs> spot_times_ns;
+  double penalty = 0.0;
+  for (const std::uint32_t i : path) {
+    const Plot& plot = plots[i];
+    const double radius_m = kClutterNarrow.At(plot.ray_m.norm());
+    const double spot_m = kSpotRadius.At(plot.ray_m.norm());
+    double num_about = 0.0;
+    spot_times_ns.clear();
+    for (const Plot* const other : others) {
+      if (other->sensor != plot.sensor) continue;
+      const double distance_m = (other->position_m - plot.position_m).norm();
+      if (std::abs(other->frame_time_ns - plot.frame_time_ns) <= reach_ns) {
+        num_about += distance_m <= radius_m ? 1.0 : 0.0;
+      } else if (distance_m <= spot_m && !plot.is_floating) {
+        spot_times_ns.push_back(other->frame_time_ns);
+      }
+    }
+    const double rate = std::exp(plot.log_clutter);
+    const double num_frames = num_frames_about(plot);
+    const double exposure = num_frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+    const double spot_exposure =
+        static_cast<double>(spot_times_ns.size()) * num_frames * PlotVolumeM3(plot);
+    const double crowded_rate =
+        std::max(ClutterRate(num_about, exposure, rate),
+                 ClutterRate(NumWithinReach(spot_times_ns), spot_exposure, rate));
+    penalty += std::max(0.0, std::log(crowded_rate) - plot.log_clutter);
+  }
+  return penalty;
 }
 
 }  // namespace unlidar

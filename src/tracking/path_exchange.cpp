@@ -11,9 +11,6 @@
 namespace unlidar {
 namespace {
 
-using Members = std::vector<std::uint32_t>;
-
-// Bounding box and time span of a path.
 struct Extent {
   Eigen::AlignedBox3d box_m;
   TimeNs first_ns = std::numeric_limits<TimeNs>::max();
@@ -91,6 +88,19 @@ double ValueOf(const Path& path) {
   return IsTooShort(path) ? 0.0 : std::max(0.0, path.score - kInitiationLog);
 }
 
+// Returns a hypothesis, then that after each further plot of a path, from number `first` on.
+std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
+                                   const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, std::size_t first) {
+  std::vector<Hypothesis> hypotheses;
+  hypotheses.reserve(plots.size() - first + 1);
+  hypotheses.push_back(from);
+  for (std::size_t k = first; k < plots.size(); ++k) {
+    hypotheses.push_back(model.PredictAndUpdate(hypotheses.back(), *plots[k], frame_times[k]));
+  }
+  return hypotheses;
+}
+
 // Joins two paths or exchanges their tails where the sum of their values grows most. Returns true
 // if the paths changed.
 bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
@@ -123,18 +133,6 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
 }
 
 }  // namespace
-
-std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
-                                   const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, std::size_t first) {
-  std::vector<Hypothesis> hypotheses;
-  hypotheses.reserve(plots.size() - first + 1);
-  hypotheses.push_back(from);
-  for (std::size_t k = first; k < plots.size(); ++k) {
-    hypotheses.push_back(model.PredictAndUpdate(hypotheses.back(), *plots[k], frame_times[k]));
-  }
-  return hypotheses;
-}
 
 std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
                                    const std::vector<FrameTime>& frame_times, double log_birth,

@@ -12,14 +12,8 @@
 
 namespace unlidar {
 
-// Returns a hypothesis, then that after each further plot of a path, from number `first` on.
-// `frame_times` (plots): of their frames.
-std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
-                                   const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, std::size_t first);
-
 // Filters a path: returns the hypothesis after each plot (plots), for the initial speed with the
-// highest final score.
+// highest final score. `frame_times` (plots): of their frames.
 std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
                                    const std::vector<FrameTime>& frame_times, double log_birth,
                                    const TrackerConfig& config);
@@ -46,18 +40,18 @@ class PathScorer {
 
   // Returns the path of these plots, with the score of the best sigma_a and birth speed; minus
   // infinity if two plots are of one frame.
-  Path WithScore(std::vector<std::uint32_t> members) const;
+  Path WithScore(Members members) const;
 
   // A path with the states of its filters, one per sigma_a and birth speed, after each plot.
   struct Filtered {
-    std::vector<std::uint32_t> members;
+    Members members;
     std::vector<const Plot*> plots;
     std::vector<FrameTime> frame_times;               // (plots)
     std::vector<std::vector<Hypothesis>> hypotheses;  // (filters, plots)
   };
 
   // Filters a path whose plots are of as many frames.
-  Filtered Filter(const std::vector<std::uint32_t>& members) const;
+  Filtered Filter(const Members& members) const;
 
   // Same as WithScore() for the first `num_of_head` plots of one path, then those of another after
   // its first `num_skipped`, which are later. Filters the latter only.
@@ -107,8 +101,7 @@ constexpr TimeNs kBodyPauseNs = 1'000'000'000;
 enum class OtherSide { kNone, kBefore, kAfter };
 
 // Finds it between the plots before and after a pause, of those that are left of the path.
-using OtherSideOfPause = std::function<OtherSide(const std::vector<std::uint32_t>& before,
-                                                 const std::vector<std::uint32_t>& after)>;
+using OtherSideOfPause = std::function<OtherSide(const Members& before, const Members& after)>;
 
 // Cuts off from a path, at pauses of kBodyPauseNs or more across which it is not one target, the
 // side that is not of its target: a car or a walker that a drone passes. Returns true if the path

@@ -1,7 +1,5 @@
 #include "tracking/track_model.hpp"
 
-#include <limits>
-
 namespace unlidar {
 namespace {
 
@@ -140,8 +138,8 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
                               const TrackerConfig& config) {
   std::vector<double> logs(plots.size());
   if (plots.empty()) return logs;
-  for (std::size_t i = 0; i < plots.size(); ++i)
-    logs[i] = LogBirthOdds(plots[i], scan_schedule, config);
+  std::transform(plots.begin(), plots.end(), logs.begin(),
+                 [&](const Plot& plot) { return LogBirthOdds(plot, scan_schedule, config); });
   const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
   for (const double log : logs) sum += std::exp(log - largest);

@@ -195,7 +195,6 @@ class TrackModel {
   // Returns the same model with another prior of the time out of view.
   TrackModel With(TimeOutOfView time_out_of_view) const;
 
-  // Replaces the sensors.
   void SetScanSchedule(const ScanSchedule& scan_schedule);
 
   Hypothesis Birth(const Plot& plot, double log_birth, const FrameTime& at, double speed_mps) const;

@@ -1,8 +1,5 @@
 #include "tracking/track_search.hpp"
 
-#include <algorithm>
-#include <limits>
-
 #include "base/maths.hpp"
 
 namespace unlidar {
@@ -21,6 +18,38 @@ bool HasManyPlots(const Scan& scan) { return scan.last - scan.first > kFewPlots;
 
 }  // namespace
 
+void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>& log_births,
+             std::size_t first, const FrameTime& at, Scan* scan) {
+  scan->first = first;
+  scan->plots = plots;
+  scan->at = at;
+  scan->entries.clear();
+  scan->bounds = FrameBounds();
+  std::size_t count = 0;
+  for (; count < num_plots && plots[count].frame == plots[0].frame; ++count) {
+    scan->bounds.Include(plots[count]);
+  }
+  scan->last = first + count;
+  scan->positions_m.Reset(count, [&](std::size_t i) { return plots[i].position_m; });
+  for (const std::uint32_t i : scan->positions_m.indices()) {
+    scan->entries.push_back({plots[i].log_clutter,
+                             std::max(kDeletionLog, log_births[first + i] + kReinitiationLog),
+                             first + i});
+  }
+}
+
+std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                          const ScanSchedule& scan_schedule, std::optional<TimeNs> begin_ns) {
+  std::vector<Scan> scans;
+  for (std::size_t i = 0; i < plots.size(); i = scans.back().last) {
+    scans.emplace_back();
+    SetScan(&plots[i], plots.size() - i, log_births, i,
+            FrameTimeOf(plots[i], begin_ns.value_or(plots.front().frame_time_ns), scan_schedule),
+            &scans.back());
+  }
+  return scans;
+}
+
 TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vector<Scan>& scans,
                          const std::vector<char>& free, double min_score, const TrackModel& model,
                          const TrackerConfig& config)
@@ -30,11 +59,11 @@ TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vecto
     Extend(scan);
     AppendEnds(min_score);
     if (history_.size() < full) continue;
-    Compact();
+    Forget(0);
     full = std::max(kMinCompactedSize, 2 * history_.size());
   }
   active_.clear();
-  Compact();
+  Forget(0);
   history_.shrink_to_fit();
   marks_ = std::vector<std::int32_t>();
   std::make_heap(ends_.begin(), ends_.end());
@@ -178,7 +207,6 @@ bool TrackSearch::SetLeastBound(const Scan& scan, std::uint32_t id) {
   return std::exchange(least_bounds_[id], least) != least;
 }
 
-// Continues a hypothesis to the plots in its reach.
 void TrackSearch::Continue(const Outlook& outlook, const Scan& scan) {
   const Hypothesis& from = active_[outlook.hypothesis];
   const Motion& motion = motions_[outlook.motion];

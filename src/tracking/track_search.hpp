@@ -5,15 +5,52 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/point_tree.hpp"
 #include "base/queue.hpp"
-#include "tracking/scan.hpp"
+#include "tracking/scan_schedule.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/tracker.hpp"
 
 namespace unlidar {
+
+// A hypothesis is deleted where its track score falls below this, and not updated with a plot where
+// it falls below the score of a birth there by this: re-initiation explains the plot better.
+constexpr double kDeletionLog = -6.0;
+constexpr double kReinitiationLog = -3.0;
+
+// The plots of one frame, as a search takes them. Indices are those of all plots.
+struct Scan {
+  struct Entry {
+    double log_clutter;
+    double score_threshold;  // least score of a hypothesis that is updated with it
+    std::size_t plot;
+  };
+
+  std::size_t first = 0;        // its first plot
+  std::size_t last = 0;         // past its last plot
+  const Plot* plots = nullptr;  // [first, last), of the caller
+  FrameTime at;
+  FrameBounds bounds;
+  PointTree<double> positions_m;
+  std::vector<Entry> entries;  // in the order of positions_m.points_m()
+
+  const Plot& PlotAt(std::size_t plot) const { return plots[plot - first]; }
+};
+
+// Fills `scan` with the first frame of `plots`, reusing its memory. They are all plots from number
+// `first` on; `log_births` has one value for each of all plots.
+void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>& log_births,
+             std::size_t first, const FrameTime& at, Scan* scan);
+
+// Scans for searches through `plots`, which are in order of frame time. `log_births`: one per plot.
+// `begin_ns`: origin of time, by default that of the first plot.
+std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                          const ScanSchedule& scan_schedule,
+                          std::optional<TimeNs> begin_ns = std::nullopt);
 
 // No plot is as low: paths may go on from the ground to anywhere.
 inline constexpr double kNoGroundTargetsM = -std::numeric_limits<double>::infinity();
@@ -73,8 +110,9 @@ class TrackSearch {
   // Drops the hypotheses with plots that are no longer free.
   void DropAssigned();
 
-  // Removes the first `num_plots` plots, which the caller erases, and all hypotheses that no active
-  // one descends from. Indices of plots shift by `num_plots`.
+  // Removes the first `num_plots` plots, which the caller erases, and all hypotheses that neither
+  // an active one nor the end of a path descends from: most births are never continued. Indices of
+  // plots shift by `num_plots`.
   void Forget(std::size_t num_plots);
 
   void SetModel(const TrackModel& model) {
@@ -120,10 +158,10 @@ class TrackSearch {
     }
   };
 
-  void MarkAncestors(std::int32_t node, std::size_t first_plot);
-  void DropUnmarked(std::size_t num_plots);
+  const Node& NodeAt(std::int32_t index) const { return history_[static_cast<std::size_t>(index)]; }
+  std::int32_t& MarkOf(std::int32_t node) { return marks_[static_cast<std::size_t>(node)]; }
+  void MarkAncestors(std::int32_t node, std::int32_t first_plot);
   void AppendEnds(double min_score);
-  void Compact();
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(Hypothesis hypothesis);
   void LookAhead(const Scan& scan);

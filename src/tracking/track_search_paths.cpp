@@ -1,6 +1,4 @@
 // The history of a search: its paths, and the hypotheses that they need.
-#include <algorithm>
-#include <cstddef>
 
 #include "base/algorithms.hpp"
 #include "tracking/track_search.hpp"
@@ -24,11 +22,9 @@ Path TrackSearch::Best() {
 
 void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
   path->plots.clear();
-  path->score = history_[static_cast<std::size_t>(hypothesis)].score;
-  for (std::int32_t at = hypothesis; at != kNoIndex;) {
-    const Node& node = history_[static_cast<std::size_t>(at)];
-    path->plots.push_back(static_cast<std::uint32_t>(node.plot));
-    at = node.parent;
+  path->score = NodeAt(hypothesis).score;
+  for (std::int32_t at = hypothesis; at != kNoIndex; at = NodeAt(at).parent) {
+    path->plots.push_back(static_cast<std::uint32_t>(NodeAt(at).plot));
   }
   std::reverse(path->plots.begin(), path->plots.end());
 }
@@ -78,67 +74,45 @@ void TrackSearch::DropAssigned() {
   std::vector<std::int32_t>& is_assigned = marks_;
   is_assigned.resize(history_.size());
   for (std::size_t h = 0; h < history_.size(); ++h) {
-    const std::int32_t parent = history_[h].parent;
-    is_assigned[h] =
-        !free_[static_cast<std::size_t>(history_[h].plot)] ||
-                (parent != kNoIndex && is_assigned[static_cast<std::size_t>(parent)] != 0)
-            ? 1
-            : 0;
+    const Node& node = history_[h];
+    is_assigned[h] = !free_[static_cast<std::size_t>(node.plot)] ||
+                     (node.parent != kNoIndex && MarkOf(node.parent) != 0);
   }
-  EraseIf(&active_,
-          [&](const Hypothesis& h) { return is_assigned[static_cast<std::size_t>(h.node)] != 0; });
+  EraseIf(&active_, [&](const Hypothesis& h) { return MarkOf(h.node) != 0; });
 }
 
 // Marks a node and its ancestors, back to the plot `first_plot`.
-void TrackSearch::MarkAncestors(std::int32_t node, std::size_t first_plot) {
-  for (auto h = static_cast<std::size_t>(node); marks_[h] != kKept;) {
-    if (static_cast<std::size_t>(history_[h].plot) < first_plot) return;
-    marks_[h] = kKept;
-    if (history_[h].parent == kNoIndex) return;
-    h = static_cast<std::size_t>(history_[h].parent);
+void TrackSearch::MarkAncestors(std::int32_t node, std::int32_t first_plot) {
+  for (std::int32_t h = node; h != kNoIndex && MarkOf(h) != kKept; h = NodeAt(h).parent) {
+    if (NodeAt(h).plot < first_plot) return;
+    MarkOf(h) = kKept;
   }
 }
 
-// Removes all nodes but those marked, whose marks become their new indices, also in the active
-// hypotheses. Indices of plots shift by `num_plots`.
-void TrackSearch::DropUnmarked(std::size_t num_plots) {
+void TrackSearch::Forget(std::size_t num_plots) {
+  const auto first_plot = static_cast<std::int32_t>(num_plots);
+  EraseIf(&active_, [&](const Hypothesis& h) { return h.plot < first_plot; });
+  marks_.reserve(history_.capacity());
+  marks_.assign(history_.size(), kNoIndex);
+  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, first_plot);
+  for (const Hypothesis& h : active_) MarkAncestors(h.node, first_plot);
   std::size_t kept = 0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
     if (marks_[h] != kKept) continue;
     Node node = history_[h];
-    node.plot -= static_cast<std::int32_t>(num_plots);
-    if (node.parent != kNoIndex) node.parent = marks_[static_cast<std::size_t>(node.parent)];
-    marks_[h] = static_cast<std::int32_t>(kept);
+    node.plot -= first_plot;
+    if (node.parent != kNoIndex) node.parent = MarkOf(node.parent);
+    marks_[h] = static_cast<std::int32_t>(kept);  // from now on its new index
     history_[kept++] = node;
   }
   history_.resize(kept);
   last_scan_ = kept;
+  for (PathEnd& end : ends_) end.hypothesis = MarkOf(end.hypothesis);
   for (Hypothesis& h : active_) {
-    h.node = marks_[static_cast<std::size_t>(h.node)];
-    const Node& node = history_[static_cast<std::size_t>(h.node)];
-    h.plot = node.plot;
-    h.parent = node.parent;
+    h.node = MarkOf(h.node);
+    h.plot = NodeAt(h.node).plot;
+    h.parent = NodeAt(h.node).parent;
   }
-}
-
-// Keeps only the ancestors of ends and of active hypotheses: most births are never continued.
-void TrackSearch::Compact() {
-  marks_.assign(history_.size(), kNoIndex);
-  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);
-  for (const Hypothesis& h : active_) MarkAncestors(h.node, 0);
-  DropUnmarked(0);
-  for (PathEnd& end : ends_) end.hypothesis = marks_[static_cast<std::size_t>(end.hypothesis)];
-}
-
-void TrackSearch::Forget(std::size_t num_plots) {
-  const auto is_kept_plot = [&](std::int32_t h) {
-    return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
-  };
-  EraseIf(&active_, [&](const Hypothesis& h) { return !is_kept_plot(h.node); });
-  marks_.reserve(history_.capacity());
-  marks_.assign(history_.size(), kNoIndex);
-  for (const Hypothesis& leaf : active_) MarkAncestors(leaf.node, num_plots);
-  DropUnmarked(num_plots);
 }
 
 }  // namespace unlidar

@@ -115,14 +115,10 @@ class PathFinder {
     for (bool found = true; found;) {
       found = false;
       TrackSearches searches = SearchFree(!paths.empty());
-      while (true) {
-        Path best = BestOf(&searches);
-        if (best.plots.empty()) break;
+      for (Path best = BestOf(&searches); !best.plots.empty(); best = BestOf(&searches)) {
         // A path hidden by a weak one is weak, too.
-        const bool is_strong = IsStrong(best);
-        if (!is_strong && num_weak == kMaxWeakPaths) break;
-        found = found || is_strong;
-        if (!is_strong) ++num_weak;
+        if (!IsStrong(best) && ++num_weak > kMaxWeakPaths) break;
+        found = found || IsStrong(best);
         SetFree(best, 0);
         paths.push_back(std::move(best));
       }
@@ -130,8 +126,9 @@ class PathFinder {
     return paths;
   }
 
-  // Free plots that a target could share with some plot of the path.
-  std::vector<char> FreeInReach(const Path& path) const {
+  // The plots of a path, and free ones that a target could share with some plot of it.
+  std::vector<char> FreeInReach(const Path& path) {
+    SetFree(path, 1);
     const Plot& first = plots_[path.plots.front()];
     const Plot& last = plots_[path.plots.back()];
     constexpr double kSlackM = 3.0 * kReachSlackM;  // errors of three positions
@@ -141,14 +138,13 @@ class PathFinder {
       free[i] = free_[i] && (IsInReach(first, plots_[i], kSlackM, config_) ||
                              IsInReach(plots_[i], last, kSlackM, config_));
     }
+    SetFree(path, 0);
     return free;
   }
 
   // Best path through the free plots and those of this path, if it scores higher.
   Path BestReplacement(const Path& path) {
-    SetFree(path, 1);
     const std::vector<char> free = FreeInReach(path);
-    SetFree(path, 0);
     effort_.plots_searched_again +=
         static_cast<std::size_t>(std::count(free.begin(), free.end(), 1));
     TrackSearches searches = Search(free, path.score, config_.sigma_a_mps2);
@@ -170,7 +166,7 @@ class PathFinder {
     const std::vector<char> all(plots.size(), 1);
     TrackSearches searches = SearchScans(ScansOf(plots, log_births, scan_schedule), log_births, all,
                                          0.0, config_.sigma_a_mps2, scan_schedule, config_);
-    std::vector<std::uint32_t> members = ValuesAt(BestOf(&searches).plots, indices);
+    Members members = ValuesAt(BestOf(&searches).plots, indices);
     std::reverse(members.begin(), members.end());
     return scorer.WithScore(std::move(members));
   }
@@ -179,9 +175,7 @@ class PathFinder {
   // at first is lost. It is followed back from where it is seen well: in reversed time no
   // continuation is dropped for a pause after few detections.
   Path BestBackwardExtension(const Path& path, const PathScorer& scorer) {
-    SetFree(path, 1);
     std::vector<char> free = FreeInReach(path);
-    SetFree(path, 0);
     // Only its own plots after its first one: no other hypothesis displaces it there.
     std::fill(free.begin() + path.plots.front(), free.end(), 0);
     for (const std::uint32_t i : path.plots) free[i] = 1;
@@ -204,7 +198,7 @@ class PathFinder {
   // Searches each changed path again, among its plots and all that no other path above
   // kInitiationLog holds: its new part may continue where the old one could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
-    std::set<std::vector<std::uint32_t>> known;
+    std::set<Members> known;
     for (const Path& path : before) known.insert(path.plots);
     return Replace(paths, [&](const Path& path) {
       return known.count(path.plots) > 0 ? Path() : BestReplacement(path);
@@ -234,13 +228,13 @@ class PathFinder {
       SetFree(path, 0);
       found = true;
     }
-    if (!found) return false;
     // Weak paths that lost a plot are removed.
     EraseIf(paths, [&](const Path& path) {
-      return !IsStrong(path) && std::any_of(path.plots.begin(), path.plots.end(),
-                                            [&](std::uint32_t i) { return !free_[i]; });
+      return found && !IsStrong(path) &&
+             std::any_of(path.plots.begin(), path.plots.end(),
+                         [&](std::uint32_t i) { return !free_[i]; });
     });
-    return true;
+    return found;
   }
 
   const std::vector<Plot>& plots_;

@@ -22,8 +22,11 @@ constexpr double kMinExchangeLog = 1.0;
 // `num_plots` plots may be the first of a path: method.md (9).
 double ScoreThreshold(double num_plots, double false_alarms, const TrackerConfig& config);
 
+// Numbers of plots, ascending.
+using Members = std::vector<std::uint32_t>;
+
 struct Path {
-  std::vector<std::uint32_t> plots;  // ascending
+  Members plots;
   // Track score: log likelihood ratio against clutter, relative to a uniform choice of the first
   // plot.
   double score = 0.0;

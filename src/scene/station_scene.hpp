@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "scene/field_of_view.hpp"
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
 #include "scene/shell_table.hpp"
 #include "scene/support.hpp"
-#include "scene/watched_elevations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -5,8 +5,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "base/recording.hpp"
-#include "base/symmetric_matrix.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"

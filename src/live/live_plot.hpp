@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "base/block_queue.hpp"
-#include "base/symmetric_matrix.hpp"
+#include "base/maths.hpp"
 #include "collection/facing_side.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"

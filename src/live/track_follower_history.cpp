@@ -7,7 +7,6 @@
 
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
-#include "base/ray_axes.hpp"
 #include "collection/body.hpp"
 #include "live/track_follower.hpp"
 

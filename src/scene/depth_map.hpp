@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/angles.hpp"
 #include "base/recording.hpp"
-#include "scene/direction_cells.hpp"
 #include "scene/field_of_view.hpp"
 
 namespace unlidar {

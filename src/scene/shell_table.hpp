@@ -12,7 +12,6 @@
 
 #include "base/block_queue.hpp"
 #include "base/recording.hpp"
-#include "base/voxel_blocks.hpp"
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
 #include "unlidar/config.hpp"

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "base/maths.hpp"
-#include "base/ray_axes.hpp"
 
 namespace unlidar {
 namespace {

@@ -11,7 +11,6 @@
 #include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
 #include "trajectory/spline_model.hpp"
-#include "trajectory/spline_solver.hpp"
 
 namespace unlidar {
 namespace {

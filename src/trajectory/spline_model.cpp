@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <numeric>
 #include <stdexcept>
 
@@ -42,6 +43,36 @@ Eigen::Vector3d MeanVelocity(const std::vector<Measurement>& measurements,
     spread_s2 += (times_s[i] - mean_s) * (times_s[i] - mean_s);
   }
   return spread_s2 > 0.0 ? Eigen::Vector3d(moment / spread_s2) : Eigen::Vector3d::Zero();
+}
+
+// Adds a row to A and b of the normal equations A c = b: J_a' J_b and J_a' S z of its Jacobians J.
+void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vector<double>& right) {
+  const Eigen::Matrix3d information =
+      weight * row.sqrt_information.transpose() * row.sqrt_information;
+  const Eigen::Vector3d force = information * row.value_m;
+  for (int a = 0; a < 4; ++a) {
+    Eigen::Map<Eigen::Vector3d>(&right[Index(3 * (row.first + a))]) += row.basis[a] * force;
+    for (int c = 0; c < 3; ++c) {
+      auto& column = matrix[Index(3 * (row.first + a) + c)];
+      for (int r = c; r < 3; ++r) {
+        column[r - c] += row.basis[a] * row.basis[a] * information(r, c);
+      }
+      for (int b = a + 1; b < 4; ++b) {
+        for (int r = 0; r < 3; ++r) {
+          column[3 * (b - a) + r - c] += row.basis[a] * row.basis[b] * information(r, c);
+        }
+      }
+    }
+  }
+}
+
+// Subtracts the gradient J' r of half the weighted square of a row.
+void SubtractSlope(const SplineRow& row, double weight, const std::vector<Eigen::Vector3d>& control,
+                   std::vector<double>& right) {
+  const Eigen::Vector3d force = weight * row.sqrt_information.transpose() * Residual(row, control);
+  for (int a = 0; a < 4; ++a) {
+    Eigen::Map<Eigen::Vector3d>(&right[Index(3 * (row.first + a))]) -= row.basis[a] * force;
+  }
 }
 
 }  // namespace
@@ -114,6 +145,102 @@ void SetSmoothness(double acceleration_time_s, SplineModel& model) {
                   (point_derivatives.jerk + point_derivatives.acceleration / acceleration_time_s);
     model.smoothness.push_back(row);
   }
+}
+
+void SplineSolver::SetSmoothness(const SplineModel& model) {
+  const int size = 3 * model.num_control_points();
+  SetZeroBanded(size, smoothness_);
+  right_.assign(Index(size), 0.0);
+  for (const auto& row : model.smoothness) AddRow(row, 1.0, smoothness_, right_);
+}
+
+void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<double>& weights) {
+  const int size = 3 * model.num_control_points();
+  SetZeroBanded(size, data_);
+  right_.assign(Index(size), 0.0);
+  for (std::size_t i = 0; i < model.measurements.size(); ++i) {
+    if (weights[i] > 0.0) AddRow(model.measurements[i], weights[i], data_, right_);
+  }
+  for (const auto& row : model.start) AddRow(row, 1.0, data_, right_);
+}
+
+// With few measurements and a stiff model the matrix is numerically singular; a ridge of relative
+// size 1e-12 or more regularises it.
+void SplineSolver::Factorise(double ratio) {
+  smoothness_weight_ = 1.0 / (ratio * ratio);
+  for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
+    factor_ = data_;
+    for (std::size_t j = 0; j < factor_.size(); ++j) {
+      factor_[j] += smoothness_weight_ * smoothness_[j];
+      factor_[j][0] *= 1.0 + ridge;
+    }
+    if (FactoriseBanded(factor_)) return;
+  }
+  throw std::invalid_argument("trajectory: measurements too extreme for double precision");
+}
+
+const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
+  Factorise(ratio);
+  solution_ = right_;
+  SolveBanded(factor_, solution_);
+  control_points_m_.resize(solution_.size() / 3);
+  for (std::size_t i = 0; i < control_points_m_.size(); ++i) {
+    control_points_m_[i] = Eigen::Map<const Eigen::Vector3d>(&solution_[3 * i]);
+  }
+  return control_points_m_;
+}
+
+double SplineSolver::Step(const SplineModel& model, const std::vector<double>& weights,
+                          std::vector<Eigen::Vector3d>& control_points_m) {
+  solution_.assign(3 * control_points_m.size(), 0.0);
+  for (std::size_t i = 0; i < model.measurements.size(); ++i) {
+    if (weights[i] > 0.0) {
+      SubtractSlope(model.measurements[i], weights[i], control_points_m, solution_);
+    }
+  }
+  for (const auto& row : model.smoothness) {
+    SubtractSlope(row, smoothness_weight_, control_points_m, solution_);
+  }
+  for (const auto& row : model.start) SubtractSlope(row, 1.0, control_points_m, solution_);
+  SolveBanded(factor_, solution_);
+  double longest_m = 0.0;
+  for (std::size_t i = 0; i < control_points_m.size(); ++i) {
+    const Eigen::Map<const Eigen::Vector3d> step_m(&solution_[3 * i]);
+    control_points_m[i] += step_m;
+    longest_m = std::max(longest_m, step_m.norm());
+  }
+  return longest_m;
+}
+
+// By QR decomposition of the rows: the smoothness between neighbours outweighs the start by so much
+// over a minute that squared terms would lose all digits.
+double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
+  const auto size = Index(model.num_control_points());
+  triangle_.assign(size, Eigen::Vector4d::Zero());
+  const auto add = [&](int first, Eigen::Vector4d basis) {
+    for (std::size_t j = Index(first); j < Index(first + 4); ++j) {
+      Eigen::Vector4d& known = triangle_[j];
+      const double length = std::sqrt(known[0] * known[0] + basis[0] * basis[0]);
+      if (length > 0.0) {
+        const Eigen::Vector4d rest = (known[0] * basis - basis[0] * known) / length;
+        known = (known[0] * known + basis[0] * basis).eval() / length;
+        basis = rest;
+      }
+      basis = {basis[1], basis[2], basis[3], 0.0};
+    }
+  };
+  // Rows in the order of their control points, so that later rows leave earlier triangles
+  // unchanged.
+  auto start = model.start.begin();
+  for (const SplineRow& row : model.smoothness) {
+    for (; start != model.start.end() && start->first <= row.first; ++start) {
+      add(start->first, start->basis);
+    }
+    add(row.first, row.basis);
+  }
+  double sum = 0.0;
+  for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));
+  return 2.0 * 3.0 * sum;  // three axes
 }
 
 }  // namespace unlidar

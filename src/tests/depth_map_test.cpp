@@ -1,5 +1,3 @@
-#include "scene/depth_map.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 #include <vector>
 
 #include "base/angles.hpp"
+#include "scene/support.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {

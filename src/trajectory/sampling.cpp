@@ -216,10 +216,6 @@ Eigen::Vector3d RowSampler::VarianceInflationAt(TimeNs time_ns) const {
   return (1.0 - share) * before.variance_m2 + share * after->variance_m2;
 }
 
-RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {
-  return [sampler = RowSampler(source, instants)]() mutable { return sampler.Next(); };
-}
-
 double PathLength(const Trajectory& trajectory) {
   const TimeNs span_ns = trajectory.end_ns() - trajectory.begin_ns();
   const TimeNs steps = std::clamp<TimeNs>(span_ns / kPathStepNs, 1, kMaxPathSteps);

@@ -100,9 +100,8 @@ class RowSampler {
   std::optional<TrajectoryRow> ahead_;  // support depends on the next row
 };
 
-// Same as RowSampler::Next(), as a function.
+// RowSampler::Next() or the like.
 using RowStream = std::function<std::optional<TrajectoryRow>()>;
-RowStream SampleRows(const RowSource& source, const OutputInstants& instants);
 
 // Length of the path between first and last measurement.
 double PathLength(const Trajectory& trajectory);

@@ -155,7 +155,6 @@ class ClutterModel {
     RangeGrid spots{kSpotRadius};  // of static objects
   };
 
-  static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
   FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
   // Rate of the other plots of the bin about a plot, of which a target has one a frame.
   double PresentRate(const Plot& plot, std::uint32_t bin) const;

@@ -4,6 +4,8 @@
 #include <numeric>
 #include <utility>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -109,8 +111,7 @@ double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m) {
   std::vector<float> sines(points_m.size());
   for (std::size_t i = 0; i < sines.size(); ++i) sines[i] = points_m[i].z() / points_m[i].norm();
   const auto k = static_cast<std::ptrdiff_t>(kShare * static_cast<double>(sines.size()));
-  std::nth_element(sines.begin(), sines.begin() + k, sines.end());
-  return std::asin(static_cast<double>(sines[static_cast<std::size_t>(k)]));
+  return std::asin(static_cast<double>(NthSmallest(sines.begin(), sines.end(), k)));
 }
 
 WatchedElevations::WatchedElevations() {

@@ -132,6 +132,7 @@ class Occupancy {
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   RecentBins VisibleBins(const Place& place, int age, const RecentBins& hits,
                          const Dwell& dwell) const;
+  Eigen::Vector3f NearerPlaceM(const Eigen::Vector3f& point_m, float share) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
   double EvenRate(const Eigen::Vector3f& point_m, const RecentBins& bins) const;

@@ -154,7 +154,7 @@ EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& ea
   std::size_t number = 0;
   for (int x = -kReach; x < kReach; ++x) {
     for (int y = -kReach; y < kReach; ++y) {
-      if (snapshot.cells[CellAt(x, y)] && number++ % step == 0) sampled_.push_back({x, y});
+      if (snapshot.cells[CellAt(x, y)] && number++ % step == 0) sampled_.emplace_back(x, y);
       if (!earlier.cells[CellAt(x, y)]) continue;
       // Dilated by one cell: rays do not hit the same place twice.
       for (int i = x - 1; i <= x + 1; ++i) {
@@ -165,7 +165,7 @@ EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& ea
   transformed_ = sampled_;
   const auto share_at = [&](int x, int y) {
     int hits = 0;
-    for (const Cell& cell : transformed_) hits += raster_[RasterIndex(cell.x + x, cell.y + y)];
+    for (const auto& cell : transformed_) hits += raster_[RasterIndex(cell.x() + x, cell.y() + y)];
     return hits / static_cast<double>(transformed_.size());
   };
   Match match;
@@ -177,8 +177,8 @@ EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& ea
     const double c = std::cos(angle_rad);
     const double s = std::sin(angle_rad);
     for (std::size_t i = 0; i < sampled_.size(); ++i) {
-      const double x = sampled_[i].x + 0.5;
-      const double y = sampled_[i].y + 0.5;
+      const double x = sampled_[i].x() + 0.5;
+      const double y = sampled_[i].y() + 0.5;
       transformed_[i] = {static_cast<int>(std::floor(c * x - s * y)),
                          static_cast<int>(std::floor(s * x + c * y))};
     }

@@ -55,10 +55,6 @@ class EgoMotion {
   static constexpr int kSide = 2 * kReach;
   using Cells = std::bitset<static_cast<std::size_t>(kSide) * kSide>;
 
-  struct Cell {
-    int x = 0;
-    int y = 0;
-  };
   struct Snapshot {
     TimeNs time_ns = 0;  // begin
     Cells cells;         // with something upright
@@ -74,15 +70,15 @@ class EgoMotion {
 
   std::optional<TimeNs> last_ns_;
   bool is_recording_ = false;
-  TimeNs snapshot_begin_ns_ = 0;   // of the current or the last snapshot
-  std::vector<float> lowest_m_;    // (cells) of the current snapshot
-  std::vector<float> highest_m_;   // (cells)
-  Queue<Snapshot> snapshots_;      // at most kNumSnapshots, since the last reset
-  std::vector<char> raster_;       // (cells and a margin) of an earlier snapshot, dilated
-  std::vector<Cell> sampled_;      // evenly drawn cells of a snapshot
-  std::vector<Cell> transformed_;  // the same after rotation
-  int moving_snapshots_ = 0;       // consecutive ones with a consistent motion
-  Motion motion_;                  // of the last of them
+  TimeNs snapshot_begin_ns_ = 0;          // of the current or the last snapshot
+  std::vector<float> lowest_m_;           // (cells) of the current snapshot
+  std::vector<float> highest_m_;          // (cells)
+  Queue<Snapshot> snapshots_;             // at most kNumSnapshots, since the last reset
+  std::vector<char> raster_;              // (cells and a margin) of an earlier snapshot, dilated
+  std::vector<Eigen::Vector2i> sampled_;  // evenly drawn cells of a snapshot
+  std::vector<Eigen::Vector2i> transformed_;  // the same after rotation
+  int moving_snapshots_ = 0;                  // consecutive ones with a consistent motion
+  Motion motion_;                             // of the last of them
   std::optional<Motion> found_;
 };
 

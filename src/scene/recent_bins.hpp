@@ -15,9 +15,7 @@ class RecentBins {
 
   void Insert(int age) { words_[WordOf(age)] |= BitOf(age); }
   bool Contains(int age) const { return (words_[WordOf(age)] & BitOf(age)) != 0; }
-  bool IsEmpty() const {
-    return std::all_of(words_.begin(), words_.end(), [](std::uint64_t word) { return word == 0; });
-  }
+  bool IsEmpty() const { return *this == RecentBins(); }
 
   int Size() const {
     int size = 0;

@@ -8,7 +8,6 @@
 #include <stdexcept>
 
 #include "trajectory/banded.hpp"
-#include "trajectory/bspline.hpp"
 
 namespace unlidar {
 namespace {
@@ -17,10 +16,6 @@ namespace {
 // as standard deviations.
 constexpr double kPositionSigmaM = 1e4;
 constexpr double kVelocitySigmaMps = 100.0;
-// Limits of the spacing of knots, which follows that of the measurements: two sensors give 20 a
-// second, and over more than the longer one the acceleration of a drone changes.
-constexpr double kMinKnotSpacingS = 0.05;
-constexpr double kMaxKnotSpacingS = 0.2;
 
 // Row at u_s after the start of an interval.
 SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, int derivative) {
@@ -77,6 +72,70 @@ void SubtractSlope(const SplineRow& row, double weight, const std::vector<Eigen:
 
 }  // namespace
 
+void PlaceKnots(const std::vector<double>& times_s, double margin_s, std::vector<double>& knots_s) {
+  const int margin_intervals = static_cast<int>(std::ceil(margin_s / kMaxKnotSpacingS));
+  // Three more knots on each side complete the basis of the outermost intervals.
+  const int outer = std::max(1, margin_intervals) + 3;
+  knots_s.clear();
+  for (int i = outer; i > 0; --i) knots_s.push_back(times_s.front() - i * kMaxKnotSpacingS);
+  knots_s.push_back(times_s.front());
+  auto next = times_s.begin();
+  while (knots_s.back() < times_s.back()) {
+    const double knot_s = knots_s.back();
+    while (next + 1 != times_s.end() && *next <= knot_s) ++next;
+    const double gap_s =
+        next == times_s.begin() ? 0.0 : std::min(knot_s - next[-1], *next - knot_s);
+    knots_s.push_back(std::clamp(*next, knot_s + kMinKnotSpacingS,
+                                 knot_s + std::max(kMaxKnotSpacingS, 0.1 * gap_s)));
+  }
+  const double end_s = knots_s.back();
+  for (int i = 1; i <= outer; ++i) knots_s.push_back(end_s + i * kMaxKnotSpacingS);
+}
+
+int IntervalAt(const std::vector<double>& knots_s, double time_s) {
+  const auto after = std::upper_bound(knots_s.begin() + 4, knots_s.end() - 4, time_s);
+  return static_cast<int>(after - knots_s.begin()) - 4;
+}
+
+Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interval) {
+  // Cox-de Boor recursion on polynomials in u = t - origin. Column j of degree d is the basis
+  // function that begins at knot interval + 3 - d + j.
+  const auto at = [&](int i) {
+    return knots_s[static_cast<std::size_t>(interval + i)] -
+           knots_s[static_cast<std::size_t>(interval + 3)];
+  };
+  Eigen::Matrix4d basis = Eigen::Matrix4d::Zero();
+  basis(0, 0) = 1.0;
+  for (int degree = 1; degree <= 3; ++degree) {
+    Eigen::Matrix4d raised = Eigen::Matrix4d::Zero();
+    for (int j = 0; j < degree; ++j) {
+      // The lower function spans knots [begin, end]: rising part of one function, falling part of
+      // the other.
+      const double begin = at(4 - degree + j);
+      const double end = at(4 + j);
+      const Eigen::Vector4d lower = basis.col(j) / (end - begin);
+      Eigen::Vector4d times_u = Eigen::Vector4d::Zero();
+      times_u.tail<3>() = lower.head<3>();
+      raised.col(j) += end * lower - times_u;
+      raised.col(j + 1) += times_u - begin * lower;
+    }
+    basis = raised;
+  }
+  return basis;
+}
+
+Eigen::Vector4d EvaluateBasis(const Eigen::Matrix4d& polynomials, double u_s, int derivative) {
+  Eigen::RowVector4d powers = Eigen::RowVector4d::Zero();
+  double power = 1.0;
+  for (int p = derivative; p <= 3; ++p) {
+    double factor = 1.0;
+    for (int i = 0; i < derivative; ++i) factor *= p - i;
+    powers[p] = factor * power;
+    power *= u_s;
+  }
+  return (powers * polynomials).transpose();
+}
+
 void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
                       SplineModel& model) {
   if (measurements.empty()) throw std::invalid_argument("trajectory: no measurements");
@@ -91,8 +150,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
   if (!model.origin_m.allFinite() || !std::is_sorted(times_s.begin(), times_s.end())) {
     throw std::invalid_argument("trajectory: measurements must be finite and in time order");
   }
-  PlaceKnots(times_s, {kMinKnotSpacingS, kMaxKnotSpacingS, config.max_extrapolation_s},
-             model.knots_s);
+  PlaceKnots(times_s, config.max_extrapolation_s, model.knots_s);
 
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
   model.derivatives.clear();

@@ -1,5 +1,8 @@
 // The linear-Gaussian model behind a trajectory: measurements and the smoothness prior as rows over
-// the control points of a spline, and their least squares.
+// the control points of a cubic B-spline over time, and their least squares.
+//
+// K knots, uneven and strictly increasing, carry K - 4 control points and K - 7 intervals; interval
+// i is [knots[i + 3], knots[i + 4]) and depends on the control points i ... i + 3.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,6 +14,28 @@
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
+
+// Limits of the spacing of knots, which follows that of the measurements: two sensors give 20 a
+// second, and over more than the longer one the acceleration of a drone changes.
+inline constexpr double kMinKnotSpacingS = 0.05;
+inline constexpr double kMaxKnotSpacingS = 0.2;
+
+// Sets the knots for measurements at `times_s` (ascending, not empty): one interval each where the
+// spacing allows it, so that none is smoothed over. Within a gap the spacing grows to a tenth of
+// the distance to its end, which bounds the number of knots and keeps the problem well conditioned.
+// `margin_s`: extent of the spline before the first and after the last time.
+void PlaceKnots(const std::vector<double>& times_s, double margin_s, std::vector<double>& knots_s);
+
+// Returns the interval that contains the time, clamped to the first and last one.
+int IntervalAt(const std::vector<double>& knots_s, double time_s);
+
+// Returns the four basis functions of an interval as polynomials: (p, j) is the coefficient of
+// (t - knots[interval + 3])^p for control point interval + j.
+Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interval);
+
+// Returns values or derivatives (order 0 to 3) of the four basis functions at u_s after the start
+// of the interval.
+Eigen::Vector4d EvaluateBasis(const Eigen::Matrix4d& polynomials, double u_s, int derivative);
 
 // Residual of a measurement or of the smoothness, shared by the banded solver and Ceres:
 // r = S (sum_j b_j c_j - z) of four neighbouring control points c_j, so that dr/dc_j = b_j S, with

@@ -8,7 +8,6 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
 
 namespace unlidar {

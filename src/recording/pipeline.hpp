@@ -11,7 +11,6 @@
 #include "paper/paper.hpp"
 #include "recording/robust.hpp"
 #include "trajectory/kind.hpp"
-#include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
 #include "unlidar/config.hpp"
 

@@ -26,8 +26,6 @@ bool IsNearer(std::uint16_t quanta, float range_m) {
   return static_cast<float>(quanta) * kQuantumM < range_m - kMarginM;
 }
 
-std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % RecentBins::kWindow); }
-
 }  // namespace
 
 Occlusion::Occlusion()
@@ -39,7 +37,7 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
   while (bin_ < bin) {
     FinishBin();
     bin_ = std::max(bin_ + 1, bin - RecentBins::kWindow + 1);
-    carriers_[SlotOf(bin_)] = carrier;
+    carriers_[RecentBins::SlotOf(bin_)] = carrier;
   }
   const std::size_t step = 1 + points_m.size() / kEnoughReturns;
   for (std::size_t i = 0; i < points_m.size(); i += step) {
@@ -52,7 +50,7 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
 // Replaces the depths of the bin that left the window.
 void Occlusion::FinishBin() {
   if (bin_ < 0) return;
-  const std::size_t slot = SlotOf(bin_);
+  const std::size_t slot = RecentBins::SlotOf(bin_);
   for (std::size_t at = slot; at < depths_.size(); at += RecentBins::kWindow)
     depths_[at] = kNothing;
   sorted_.resize(quanta_.size());
@@ -90,7 +88,7 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
     }
     return hidden;
   }
-  const float farthest_m = kFarther * (place_m - carriers_[SlotOf(bin)].shift_m).norm();
+  const float farthest_m = kFarther * (place_m - carriers_[RecentBins::SlotOf(bin)].shift_m).norm();
   for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
     const auto at = static_cast<std::size_t>(slot);
     const CarrierPose& carrier = carriers_[at];
@@ -120,7 +118,7 @@ void Occlusion::Insert(int slot, std::int64_t newest, RecentBins* bins) const {
 }
 
 const Eigen::Vector3f& Occlusion::ViewpointM() const {
-  return carriers_[SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
+  return carriers_[RecentBins::SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
 }
 
 }  // namespace unlidar

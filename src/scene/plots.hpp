@@ -146,7 +146,6 @@ struct BodyBox {
 // Inserts a body behind those that are not later.
 void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies);
 
-// Plots and bodies of one frame.
 struct FramePlots {
   std::vector<Plot> plots;                  // without the lists of their returns
   std::vector<BodyBox> bodies;              // people, cars

@@ -44,7 +44,6 @@ class Occlusion {
   void FinishBin();
   void Insert(int slot, std::int64_t newest, RecentBins* bins) const;
 
-  DirectionCells cells_;
   std::int64_t bin_ = -1;
   std::vector<std::uint32_t> cell_of_;  // (returns of that bin)
   std::vector<std::uint16_t> quanta_;   // (the same) quantised ranges

@@ -22,21 +22,20 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 
 }  // namespace
 
-DepthMap::DepthMap(double cell_deg)
-    : cells_(cell_deg), medians_m_(cells_.size(), std::numeric_limits<float>::infinity()) {
+DepthMap::DepthMap() : medians_m_(DirectionCells::kCount, std::numeric_limits<float>::infinity()) {
   const auto angle_of = [](double rad) { return Angle{rad, std::cos(rad), std::sin(rad)}; };
-  for (std::size_t row = 0; row < cells_.rows(); ++row) {
-    elevations_.push_back(angle_of(cells_.RowRad(row)));
+  for (std::size_t row = 0; row < DirectionCells::kRows; ++row) {
+    elevations_.push_back(angle_of(DirectionCells::RowRad(row)));
   }
-  for (std::size_t column = 0; column < cells_.columns(); ++column) {
-    azimuths_.push_back(angle_of(cells_.ColumnRad(column)));
+  for (std::size_t column = 0; column < DirectionCells::kColumns; ++column) {
+    azimuths_.push_back(angle_of(DirectionCells::ColumnRad(column)));
   }
 }
 
 void DepthMap::Fill(const PointsView& points_m) {
   cell_of_.resize(points_m.size());
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    cell_of_[i] = static_cast<std::uint32_t>(cells_.CellOf(points_m[i]));
+    cell_of_[i] = static_cast<std::uint32_t>(DirectionCells::CellOf(points_m[i]));
   }
   ranges_m_.resize(points_m.size());
   SortByGroup(cell_of_, medians_m_.size(), &begins_,
@@ -61,30 +60,27 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
   const auto is_hidden = [&](std::size_t cell) {
     return static_cast<double>(medians_m_[cell]) < range_m - margin_m;
   };
-  for (std::size_t row = 0; row < cells_.rows(); ++row) {
+  for (std::size_t row = 0; row < elevations_.size(); ++row) {
     const Angle& elevation = elevations_[row];
     if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
     const double weight = elevation.cosine;  // cells are narrower towards the zenith
-    for (std::size_t column = 0; column < cells_.columns(); ++column) {
+    for (std::size_t column = 0; column < azimuths_.size(); ++column) {
       const Angle& azimuth = azimuths_[column];
       const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
       if (cell.dot(towards) < min_cosine) continue;
       all += weight;
-      if (!view.Contains(cell, elevation.rad) || is_hidden(row * cells_.columns() + column)) {
+      if (!view.Contains(cell, elevation.rad) || is_hidden(row * azimuths_.size() + column)) {
         hidden += weight;
       }
     }
   }
   // A neighbourhood narrower than a cell: use the cell of the place.
-  if (all == 0.0) return is_hidden(cells_.CellOf(place_m)) ? 1.0 : 0.0;
+  if (all == 0.0) return is_hidden(DirectionCells::CellOf(place_m)) ? 1.0 : 0.0;
   return hidden / all;
 }
 
 Support::Support(Ground ground, const SupportConfig& config)
-    : ground_(std::move(ground)),
-      config_(config),
-      depth_(kHidingCellDeg),
-      lasting_depth_(kHidingCellDeg) {}
+    : ground_(std::move(ground)), config_(config) {}
 
 void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_lasting,
                    const ElevationRange& view) {

@@ -18,13 +18,15 @@ namespace unlidar {
 class DepthMap {
  public:
   // An empty map.
-  explicit DepthMap(double cell_deg);
+  DepthMap();
 
   // Replaces the contents, reusing memory.
   void Fill(const PointsView& points_m);
 
   // Median range in the direction of a place, as seen from the sensor; infinity without returns.
-  float MedianM(const Eigen::Vector3f& place_m) const { return medians_m_[cells_.CellOf(place_m)]; }
+  float MedianM(const Eigen::Vector3f& place_m) const {
+    return medians_m_[DirectionCells::CellOf(place_m)];
+  }
 
   // Returns the share of the directions within `radius_m` of a place, as seen from the sensor, that
   // are out of view or in which something is nearer than the place by `margin_m`.
@@ -38,7 +40,6 @@ class DepthMap {
     double sine;
   };
 
-  DirectionCells cells_;
   std::vector<Angle> elevations_;  // (rows) of the cell centres
   std::vector<Angle> azimuths_;    // (columns)
   std::vector<float> medians_m_;   // (rows x columns) infinity without returns

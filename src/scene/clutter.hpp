@@ -11,7 +11,7 @@
 #include "base/queue.hpp"
 #include "scene/plots.hpp"
 #include "scene/range_grid.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

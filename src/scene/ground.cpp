@@ -106,18 +106,17 @@ void Ground::SetHeights(const PointsView& points_m) {
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
 // within the band of the plane.
 Ground::Plane Ground::PlaneOf(double reach_m) {
+  inliers_.clear();
   lowest_m_.clear();
   for (const std::uint32_t number : known_) {
-    if (DistanceM(cells_[number].at) <= reach_m) lowest_m_.push_back(cells_[number].height_m);
+    if (DistanceM(cells_[number].at) > reach_m) continue;
+    inliers_.push_back(number);
+    lowest_m_.push_back(cells_[number].height_m);
   }
   Plane plane;
   if (lowest_m_.size() < kMinCells) return plane;
   const double median_m = Quantile(lowest_m_.data(), lowest_m_.data() + lowest_m_.size(), 0.5);
-  inliers_.clear();
-  for (const std::uint32_t number : known_) {
-    const Cell& cell = cells_[number];
-    if (cell.height_m <= median_m && DistanceM(cell.at) <= reach_m) inliers_.push_back(number);
-  }
+  EraseIf(&inliers_, [&](std::uint32_t number) { return cells_[number].height_m > median_m; });
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     if (!Refit(kPlaneBandM, &plane)) return plane;
   }

@@ -11,7 +11,6 @@
 #include "scene/occlusion.hpp"
 #include "scene/recent_bins.hpp"
 #include "scene/shell_table.hpp"
-#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -25,6 +24,12 @@ inline constexpr double kMinStrayShare = 0.5;
 
 // A frame of more returns takes so long that what may wait is left to the next ones.
 inline constexpr std::size_t kManyReturns = 50'000;
+
+// Rate of strays, in returns per frame and m^3.
+struct StrayRate {
+  double usual = 0.0;    // over all times
+  double present = 0.0;  // of late
+};
 
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell

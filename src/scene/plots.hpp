@@ -16,7 +16,6 @@
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
 #include "scene/stations.hpp"
-#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -89,7 +89,6 @@ class ClutterModel {
   void Forget(std::uint32_t before_bin);
   void Forget(std::uint32_t sensor, std::uint32_t before_bin);
 
-  // Number of frames of a sensor in `bins`.
   std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
 
   // The plots about a plot at its own time, in the bins excluded for it.
@@ -99,7 +98,6 @@ class ClutterModel {
     std::uint32_t at_spot = 0;
   };
 
-  // Faster, the fewer later bins there are.
   SameTime SameTimeOf(const Plot& plot, std::uint32_t bin) const;
 
   // Rate of the neighbourhood of a plot, and of what lies as far ahead of a carrier that travels.

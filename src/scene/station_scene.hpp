@@ -35,7 +35,6 @@ class StationScene {
   void FitGround();
   void FillSupport();
 
-  // True after Fit().
   bool is_fitted() const { return num_fits_ > 0; }
 
   // Returns the plots and bodies of a frame that was learned, the only one of `frame`; valid until

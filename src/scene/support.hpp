@@ -72,7 +72,6 @@ inline double SupportReachM(double range_m, const SupportConfig& config) {
 // Tests whether structure or ground near a place may support a static object there.
 class Support {
  public:
-  // Starts without structure.
   Support(Ground ground, const SupportConfig& config);
 
   // Replace ground and possible supports. `are_lasting` (supports): false where a target may have

@@ -37,7 +37,6 @@ struct AgilityMemory {
 
 // Solver of the final robust minimum. Ceres allocates at each fit.
 enum class Minimiser { kBanded, kCeres };
-inline constexpr int kMaxCeresIterations = 500;
 
 // A fit no longer than an earlier one does not allocate, nor does `trajectory` if it is that of the
 // same target one frame earlier.
@@ -45,7 +44,7 @@ class TrajectoryFitter {
  public:
   explicit TrajectoryFitter(const TrajectoryConfig& config,
                             Minimiser minimiser = Minimiser::kBanded,
-                            int max_ceres_iterations = kMaxCeresIterations)
+                            int max_ceres_iterations = 500)
       : config_(config), minimiser_(minimiser), max_ceres_iterations_(max_ceres_iterations) {}
 
   // Fits measurements: at least one, in time order, with positive definite covariances. Throws

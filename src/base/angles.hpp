@@ -64,4 +64,30 @@ inline std::size_t AzimuthColumn(const Eigen::Vector3f& p) {
   return std::min(AzimuthCell(p, kColumnRad), kAzimuthColumns - 1);
 }
 
+// Cells of equal azimuth and elevation around a viewpoint, of 2 degrees: the resolution at which
+// structure hides places behind it.
+struct DirectionCells {
+  static constexpr std::size_t kColumns = 180;
+  static constexpr std::size_t kRows = 90;
+  static constexpr std::size_t kCount = kRows * kColumns;
+  static constexpr double kCellRad = M_PI / static_cast<double>(kRows);
+
+  // Of the centre of a row or column.
+  static double RowRad(std::size_t row) {
+    return (static_cast<double>(row) + 0.5) * kCellRad - M_PI / 2;
+  }
+  static double ColumnRad(std::size_t column) {
+    return (static_cast<double>(column) + 0.5) * kCellRad - M_PI;
+  }
+
+  // Returns the cell of a direction, row by row.
+  static std::size_t CellOf(const Eigen::Vector3f& p) {
+    const std::size_t column = AzimuthCell(p, kCellRad);
+    const Eigen::Vector3d q = p.cast<double>();
+    const std::size_t row = CellOfAngle(ApproximateAtan2(q.z(), q.head<2>().norm()) + M_PI / 2,
+                                        kCellRad, [&] { return ElevationRad(p) + M_PI / 2; });
+    return std::min(row, kRows - 1) * kColumns + std::min(column, kColumns - 1);
+  }
+};
+
 }  // namespace unlidar

@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "base/algorithms.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -17,11 +18,7 @@ class TimeList {
  public:
   std::size_t size() const { return offsets_ns_.size(); }
 
-  TimeNs operator[](std::size_t i) const {
-    const auto next = std::upper_bound(runs_.begin(), runs_.end(), i,
-                                       [](std::size_t k, const Run& run) { return k < run.first; });
-    return (next - 1)->time_ns + offsets_ns_[i];
-  }
+  TimeNs operator[](std::size_t i) const { return RunAfter(i)[-1].time_ns + offsets_ns_[i]; }
 
   void push_back(TimeNs time_ns) {
     constexpr TimeNs kMaxOffsetNs = std::numeric_limits<std::int32_t>::max();
@@ -43,11 +40,8 @@ class TimeList {
   // Removes the first `count` times.
   void DropFirst(std::size_t count) {
     if (count == 0) return;
-    offsets_ns_.erase(offsets_ns_.begin(),
-                      offsets_ns_.begin() + static_cast<std::ptrdiff_t>(count));
-    const auto next = std::upper_bound(runs_.begin(), runs_.end(), count,
-                                       [](std::size_t k, const Run& run) { return k < run.first; });
-    runs_.erase(runs_.begin(), std::max(next, runs_.begin() + 1) - 1);
+    unlidar::DropFirst(count, &offsets_ns_);
+    runs_.erase(runs_.begin(), std::max(RunAfter(count), runs_.cbegin() + 1) - 1);
     for (Run& run : runs_) run.first -= std::min(run.first, count);
   }
 
@@ -56,6 +50,12 @@ class TimeList {
     std::size_t first;  // index of its first time
     TimeNs time_ns;
   };
+
+  // Returns the first run whose times are all behind this index.
+  std::vector<Run>::const_iterator RunAfter(std::size_t i) const {
+    return std::upper_bound(runs_.begin(), runs_.end(), i,
+                            [](std::size_t k, const Run& run) { return k < run.first; });
+  }
 
   std::vector<std::int32_t> offsets_ns_;  // from the time of the run
   std::vector<Run> runs_;                 // in order of indices

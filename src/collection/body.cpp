@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/ray_axes.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

@@ -5,9 +5,10 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "tracking/rejection.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"

@@ -5,7 +5,7 @@
 
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 

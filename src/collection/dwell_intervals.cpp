@@ -5,7 +5,7 @@
 
 #include "base/maths.hpp"
 #include "base/recording.hpp"
-#include "trajectory/bspline.hpp"
+#include "trajectory/spline_model.hpp"
 
 namespace unlidar {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "base/recording.hpp"
 #include "scene/range_grid.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 
 namespace unlidar {
 

@@ -11,7 +11,7 @@
 #include "app/output.hpp"
 #include "fuzz/fuzz.hpp"
 #include "io/stamp.hpp"
-#include "trajectory/output_times.hpp"
+#include "trajectory/sampling.hpp"
 
 namespace unlidar::fuzz {
 namespace {

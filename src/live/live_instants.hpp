@@ -10,7 +10,6 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
 
 namespace unlidar {

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/block_queue.hpp"
+#include "base/maths.hpp"
 #include "base/queue.hpp"
-#include "base/symmetric_matrix.hpp"
 #include "collection/facing_side.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"

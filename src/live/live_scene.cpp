@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "base/ray_axes.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

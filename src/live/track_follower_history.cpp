@@ -5,7 +5,6 @@
 
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
-#include "base/ray_axes.hpp"
 #include "collection/body.hpp"
 #include "live/track_follower.hpp"
 #include "scene/support.hpp"

@@ -11,7 +11,6 @@
 #include "paper/paper.hpp"
 #include "recording/robust.hpp"
 #include "trajectory/kind.hpp"
-#include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
 #include "unlidar/config.hpp"
 
@@ -67,7 +66,9 @@ struct PipelineResult {
 
 // The rows of one of the result's tracks; the result must outlive them.
 inline RowStream RowsOf(const PipelineResult& result, const FittedTrack& track) {
-  return SampleRows(track.row_source, result.output_instants);
+  return [rows = RowSampler(track.row_source, result.output_instants)]() mutable {
+    return rows.Next();
+  };
 }
 
 // Called at the end of a stage, with a short text of its result.

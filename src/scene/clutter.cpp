@@ -188,7 +188,7 @@ void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint3
   if (sensors_.size() <= sensor) sensors_.resize(sensor + 1);
   sensors_[sensor].num_frames += count;
   Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
-  const auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bin, IsBefore);
+  const auto at = FirstFrom(by_bin, &FrameCount::bin, bin);
   if (at != by_bin.end() && at->bin == bin) {
     at->num_frames += count;
   } else {
@@ -199,7 +199,7 @@ void ClutterModel::AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint3
 ClutterModel::FrameCount ClutterModel::CountIn(std::uint32_t sensor, BinRange bins) const {
   const Queue<FrameCount>& by_bin = sensors_[sensor].by_bin;
   FrameCount sum;
-  auto at = std::lower_bound(by_bin.begin(), by_bin.end(), bins.first, IsBefore);
+  auto at = FirstFrom(by_bin, &FrameCount::bin, bins.first);
   for (; at != by_bin.end() && at->bin < bins.last; ++at) {
     sum.num_frames += at->num_frames;
     sum.num_plots += at->num_plots;
@@ -216,7 +216,7 @@ void ClutterModel::Add(const Plot& plot, std::uint32_t bin, std::int32_t count) 
   sensor.around.Add(PlaceM(plot), bin, count);
   sensor.spots.Add(PlaceM(plot), bin, count);
   if (plot.IsFromTravel()) sensor.along.Add(plot.carrier_ray_m, bin, count);
-  const auto at = std::lower_bound(sensor.by_bin.begin(), sensor.by_bin.end(), bin, IsBefore);
+  const auto at = FirstFrom(sensor.by_bin, &FrameCount::bin, bin);
   if (at == sensor.by_bin.end() || at->bin != bin) return;
   at->num_plots += static_cast<std::uint32_t>(count);
   sensor.num_plots += static_cast<std::uint32_t>(count);
@@ -255,7 +255,7 @@ void ClutterModel::Forget(std::uint32_t sensor, std::uint32_t before_bin) {
   its.around.Forget(before_bin);
   its.along.Forget(before_bin);
   its.spots.Forget(before_bin);
-  while (!its.by_bin.empty() && IsBefore(its.by_bin.front(), before_bin)) {
+  while (!its.by_bin.empty() && its.by_bin.front().bin < before_bin) {
     its.num_frames -= its.by_bin.front().num_frames;
     its.num_plots -= its.by_bin.front().num_plots;
     its.by_bin.pop_front();

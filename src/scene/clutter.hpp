@@ -11,7 +11,7 @@
 #include "base/queue.hpp"
 #include "scene/plots.hpp"
 #include "scene/range_grid.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -89,7 +89,6 @@ class ClutterModel {
   void Forget(std::uint32_t before_bin);
   void Forget(std::uint32_t sensor, std::uint32_t before_bin);
 
-  // Number of frames of a sensor in `bins`.
   std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
 
   // The plots about a plot at its own time, in the bins excluded for it.
@@ -99,7 +98,6 @@ class ClutterModel {
     std::uint32_t at_spot = 0;
   };
 
-  // Faster, the fewer later bins there are.
   SameTime SameTimeOf(const Plot& plot, std::uint32_t bin) const;
 
   // Rate of the neighbourhood of a plot, and of what lies as far ahead of a carrier that travels.
@@ -155,7 +153,6 @@ class ClutterModel {
     RangeGrid spots{kSpotRadius};  // of static objects
   };
 
-  static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
   FrameCount CountIn(std::uint32_t sensor, BinRange bins) const;
   // Rate of the other plots of the bin about a plot, of which a target has one a frame.
   double PresentRate(const Plot& plot, std::uint32_t bin) const;

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <utility>
 
 #include "base/algorithms.hpp"
 
@@ -40,21 +39,37 @@ double Quantile(Number* begin, Number* end, double share) {
   return static_cast<double>(NthSmallest(begin, end, n));
 }
 
+// Returns the place of a cell, which holds all heights.
+Voxel CellAt(const Eigen::Vector3f& point_m) {
+  const auto number = [](float coordinate_m) {
+    return FloorOf(static_cast<double>(coordinate_m) / kGroundCellM);
+  };
+  return {number(point_m.x()), number(point_m.y()), 0};
+}
+
+// Homogeneous: the 1 multiplies the height c0 at the origin.
+Eigen::Vector3d MiddleOf(const Voxel& cell) {
+  return {1.0, (static_cast<double>(cell.x) + 0.5) * kGroundCellM,
+          (static_cast<double>(cell.y) + 0.5) * kGroundCellM};
+}
+
+// From the station.
+double DistanceM(const Voxel& cell) { return MiddleOf(cell).tail<2>().norm(); }
+
 }  // namespace
 
 void Ground::Fit(const PointsView& points_m) {
   SetHeights(points_m);
   // From a bank or a hill most of the view lies lower, on another plane, so a plane of the near
   // cells is tried as well.
-  Plane plane = PlaneOf(std::numeric_limits<double>::infinity());
+  plane_ = PlaneOf(std::numeric_limits<double>::infinity());
   const Plane near = PlaneOf(kNearM);
-  if (near.support > kMinSupportRatio * plane.support) plane = near;
-  plane_ = plane.coefficients;
-  support_ = plane.support;
+  if (near.support > kMinSupportRatio * plane_.support) plane_ = near;
   // Ground is seen from above. A plane higher than the station, by more than its roughness, is one
   // of crowns of trees or of lower edges of walls.
-  const bool is_below_station = plane_.x() < kPlaneBandM;
-  exists_ = plane.support > 0.0 && is_below_station && plane_.tail<2>().norm() < max_slope_;
+  const Eigen::Vector3d& plane = plane_.coefficients;
+  const bool is_ground = plane.x() < kPlaneBandM && plane.tail<2>().norm() < max_slope_;
+  if (!is_ground) plane_.support = 0.0;
 }
 
 void Ground::SetHeights(const PointsView& points_m) {
@@ -62,12 +77,12 @@ void Ground::SetHeights(const PointsView& points_m) {
   cells_.clear();
   cell_of_.clear();
   std::uint32_t last = 0;
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    const Cell cell = CellOf(points_m[i]);
+  for (const Eigen::Vector3f& point_m : points_m) {
+    const Voxel at = CellAt(point_m);
     // Most returns lie in the cell of the one before.
-    if (i == 0 || cell.x != cells_[last].x || cell.y != cells_[last].y) {
-      last = numbers_.FindOrAdd(0, KeyOf(cell));
-      if (last == cells_.size()) cells_.push_back(cell);
+    if (cells_.empty() || at.x != cells_[last].at.x || at.y != cells_[last].at.y) {
+      last = numbers_.FindOrAdd(0, KeyOf(at));
+      if (last == cells_.size()) cells_.push_back({at});
     }
     cell_of_.push_back(last);
   }
@@ -84,25 +99,24 @@ void Ground::SetHeights(const PointsView& points_m) {
   }
   // Independent of the order of the points.
   std::sort(known_.begin(), known_.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
+    return KeyOf(cells_[a].at) < KeyOf(cells_[b].at);
   });
 }
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
 // within the band of the plane.
 Ground::Plane Ground::PlaneOf(double reach_m) {
+  inliers_.clear();
   lowest_m_.clear();
   for (const std::uint32_t number : known_) {
-    if (DistanceM(cells_[number]) <= reach_m) lowest_m_.push_back(cells_[number].height_m);
+    if (DistanceM(cells_[number].at) > reach_m) continue;
+    inliers_.push_back(number);
+    lowest_m_.push_back(cells_[number].height_m);
   }
   Plane plane;
   if (lowest_m_.size() < kMinCells) return plane;
   const double median_m = Quantile(lowest_m_.data(), lowest_m_.data() + lowest_m_.size(), 0.5);
-  inliers_.clear();
-  for (const std::uint32_t number : known_) {
-    const Cell& cell = cells_[number];
-    if (cell.height_m <= median_m && DistanceM(cell) <= reach_m) inliers_.push_back(number);
-  }
+  EraseIf(&inliers_, [&](std::uint32_t number) { return cells_[number].height_m > median_m; });
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     if (!Refit(kPlaneBandM, &plane)) return plane;
   }
@@ -115,7 +129,7 @@ bool Ground::Refit(double band_m, Plane* plane) {
   // Triangular factor of the QR decomposition, augmented by the right-hand side, cell by cell.
   Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
   for (const std::uint32_t number : inliers_) {
-    triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
+    triangle.row(3) << MiddleOf(cells_[number].at).transpose(), cells_[number].height_m;
     for (Eigen::Index k = 0; k < 3; ++k) {
       Eigen::JacobiRotation<double> givens;
       givens.makeGivens(triangle(k, k), triangle(3, k));
@@ -132,7 +146,7 @@ void Ground::SetInliers(double band_m, const Plane& plane) {
   inliers_.clear();
   for (const std::uint32_t number : known_) {
     const Cell& cell = cells_[number];
-    if (std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < band_m) {
+    if (std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell.at))) < band_m) {
       inliers_.push_back(number);
     }
   }
@@ -141,7 +155,7 @@ void Ground::SetInliers(double band_m, const Plane& plane) {
 double Ground::SupportOf() const {
   double support = 0.0;
   for (const std::uint32_t number : inliers_) {
-    const double share = kNearM / std::max(kNearM, DistanceM(cells_[number]));
+    const double share = kNearM / std::max(kNearM, DistanceM(cells_[number].at));
     support += share * share;
   }
   return support;
@@ -149,9 +163,8 @@ double Ground::SupportOf() const {
 
 // The band narrows in steps: among walls and objects the first plane is off by more than band_m.
 double Ground::FlatSupport(double band_m) {
-  if (!exists_) return 0.0;
-  Plane plane;
-  plane.coefficients = plane_;
+  if (plane_.support == 0.0) return 0.0;
+  Plane plane = plane_;
   double step_m = kPlaneBandM;
   SetInliers(step_m, plane);
   while (step_m > band_m) {
@@ -172,33 +185,11 @@ double Ground::FlatSupport(double band_m) {
   return SupportOf();
 }
 
-Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
-  const auto number = [&](float coordinate_m) {
-    return static_cast<int>(FloorOf(static_cast<double>(coordinate_m) / kGroundCellM));
-  };
-  Cell cell;
-  cell.x = number(point_m.x());
-  cell.y = number(point_m.y());
-  return cell;
-}
-
-VoxelKey Ground::KeyOf(const Cell& cell) {
-  return static_cast<VoxelKey>(static_cast<std::uint32_t>(cell.x)) << 32U |
-         static_cast<std::uint32_t>(cell.y);
-}
-
-// Homogeneous: the 1 multiplies the height c0 at the origin.
-Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
-  return {1.0, (cell.x + 0.5) * kGroundCellM, (cell.y + 0.5) * kGroundCellM};
-}
-
-double Ground::DistanceM(const Cell& cell) const { return MiddleOf(cell).tail<2>().norm(); }
-
 double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
-  if (!exists_) return std::numeric_limits<double>::infinity();
+  if (plane_.support == 0.0) return std::numeric_limits<double>::infinity();
   const Eigen::Vector3d p = point_m.cast<double>();
-  double ground_m = plane_.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
-  const std::uint32_t number = numbers_.Find(0, KeyOf(CellOf(point_m)));
+  double ground_m = plane_.coefficients.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
+  const std::uint32_t number = numbers_.Find(0, KeyOf(CellAt(point_m)));
   if (number != VoxelNumbers::kNone) {
     const double height_m = cells_[number].height_m;  // NaN fails the comparison
     if (std::abs(height_m - ground_m) < kMaxReliefM) {

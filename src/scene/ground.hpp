@@ -28,7 +28,7 @@ class Ground {
 
   // Number of inlier cells of the plane, those beyond 20 m weighted by the inverse square of their
   // distance; 0 without a ground.
-  double support() const { return exists_ ? support_ : 0.0; }
+  double support() const { return plane_.support; }
 
   // Same as support(), of flat cells only: within `band_m` (at most 0.6 m) of a plane refitted to
   // such cells, with at least a quarter of their returns as low. Nearly all cells of a floor count,
@@ -36,7 +36,7 @@ class Ground {
   double FlatSupport(double band_m);
 
   // Height (z) of the plane at x = y = 0, the station, in m; undefined without a ground.
-  double height_m() const { return plane_.x(); }
+  double height_m() const { return plane_.coefficients.x(); }
 
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
@@ -46,8 +46,7 @@ class Ground {
  private:
   // A column of the scene.
   struct Cell {
-    int x = 0;
-    int y = 0;
+    Voxel at;
     double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN if it has too few points
   };
 
@@ -56,11 +55,6 @@ class Ground {
     double support = 0.0;  // weighted number of inlier cells; 0: no plane
   };
 
-  // Returns the cell without its height.
-  Cell CellOf(const Eigen::Vector3f& point_m) const;
-  static VoxelKey KeyOf(const Cell& cell);
-  Eigen::Vector3d MiddleOf(const Cell& cell) const;
-  double DistanceM(const Cell& cell) const;  // from the station
   void SetHeights(const PointsView& points_m);
   Plane PlaneOf(double reach_m);
 
@@ -71,9 +65,7 @@ class Ground {
   double SupportOf() const;  // of the inliers
 
   double max_slope_;
-  bool exists_ = false;
-  double support_ = 0.0;
-  Eigen::Vector3d plane_ = Eigen::Vector3d::Zero();
+  Plane plane_;              // without support: there is no ground
   VoxelNumbers numbers_;     // of the cells
   std::vector<Cell> cells_;  // by number
   // Of the last fit, kept for reuse.

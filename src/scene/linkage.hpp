@@ -1,9 +1,13 @@
-// Single-linkage clustering of returns with a radius that grows with range.
+// Single-linkage clustering of returns with a radius that grows with range, and the groups of
+// strays that it joins by chance.
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "base/disjoint_sets.hpp"
@@ -61,5 +65,33 @@ class Linker {
   std::vector<std::uint32_t> begins_ = {0};  // (groups + 1) in `members_`
   std::vector<std::uint32_t> members_;       // by group
 };
+
+// Returns the rate of groups of `count` strays, per m^3 and frame, of a Poisson process of `rate`
+// returns per m^3 and frame that are joined within `radius_m`: with mu others within reach of each,
+// the group of one of them is as large as the progeny of a branching process (Borel 1942),
+//
+//     rate / n exp(-mu n) (mu n)^(n - 1) / n!
+//
+// Infinite from mu = 1 on, where chains need not end.
+inline double StrayGroupRate(double rate, double radius_m, double count) {
+  const double mu = rate * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+  if (mu >= 1.0) return std::numeric_limits<double>::infinity();
+  if (mu <= 0.0) return 0.0;
+  return rate / count *
+         std::exp(-mu * count + (count - 1.0) * std::log(mu * count) - std::lgamma(count + 1.0));
+}
+
+// Returns the rate of all groups that are each rarer than `max_rate`, per m^3 and frame. The rate
+// of groups of any size is rate (1 - mu / 2), and the larger, the rarer they are.
+inline double RareStrayGroupRate(double rate, double radius_m, double max_rate) {
+  const double mu = rate * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+  if (mu >= 1.0) return 0.0;
+  double rare = rate * (1.0 - 0.5 * mu);
+  for (double count = 1.0;; count += 1.0) {
+    const double of_count = StrayGroupRate(rate, radius_m, count);
+    if (of_count < max_rate) return std::max(rare, 0.0);
+    rare -= of_count;
+  }
+}
 
 }  // namespace unlidar

@@ -9,7 +9,6 @@
 #include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
-#include "scene/station_model.hpp"
 #include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
 #include "scene/time_bins.hpp"

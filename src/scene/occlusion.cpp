@@ -26,12 +26,9 @@ bool IsNearer(std::uint16_t quanta, float range_m) {
   return static_cast<float>(quanta) * kQuantumM < range_m - kMarginM;
 }
 
-std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % RecentBins::kWindow); }
-
 }  // namespace
 
-Occlusion::Occlusion()
-    : cells_(kHidingCellDeg), rows_(cells_.size(), kNone), carriers_(RecentBins::kWindow) {}
+Occlusion::Occlusion() : rows_(DirectionCells::kCount, kNone), carriers_(RecentBins::kWindow) {}
 
 void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   field_of_view_.AddFrame(points_m, carrier);
@@ -39,12 +36,12 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
   while (bin_ < bin) {
     FinishBin();
     bin_ = std::max(bin_ + 1, bin - RecentBins::kWindow + 1);
-    carriers_[SlotOf(bin_)] = carrier;
+    carriers_[RecentBins::SlotOf(bin_)] = carrier;
   }
   const std::size_t step = 1 + points_m.size() / kEnoughReturns;
   for (std::size_t i = 0; i < points_m.size(); i += step) {
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
-    cell_of_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)));
+    cell_of_.push_back(static_cast<std::uint32_t>(DirectionCells::CellOf(ray_m)));
     quanta_.push_back(QuantaOf(ray_m.norm()));
   }
 }
@@ -52,13 +49,13 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
 // Replaces the depths of the bin that left the window.
 void Occlusion::FinishBin() {
   if (bin_ < 0) return;
-  const std::size_t slot = SlotOf(bin_);
+  const std::size_t slot = RecentBins::SlotOf(bin_);
   for (std::size_t at = slot; at < depths_.size(); at += RecentBins::kWindow)
     depths_[at] = kNothing;
   sorted_.resize(quanta_.size());
-  SortByGroup(cell_of_, cells_.size(), &begins_,
+  SortByGroup(cell_of_, rows_.size(), &begins_,
               [&](std::size_t i, std::uint32_t at) { sorted_[at] = quanta_[i]; });
-  for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
+  for (std::size_t cell = 0; cell < rows_.size(); ++cell) {
     const auto begin = sorted_.begin() + begins_[cell];
     const auto end = sorted_.begin() + begins_[cell + 1];
     if (begin == end) continue;
@@ -77,7 +74,7 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
   Hidden hidden;
   if (!field_of_view_.is_carrier_moving()) {
     // All bins are of one direction, and most hide nothing.
-    const std::uint32_t row = rows_[cells_.CellOf(place_m)];
+    const std::uint32_t row = rows_[DirectionCells::CellOf(place_m)];
     if (row == kNone) return hidden;
     const std::uint16_t* const depths = depths_.data() + row;
     const float range_m = place_m.norm();
@@ -90,7 +87,7 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
     }
     return hidden;
   }
-  const float farthest_m = kFarther * (place_m - carriers_[SlotOf(bin)].shift_m).norm();
+  const float farthest_m = kFarther * (place_m - carriers_[RecentBins::SlotOf(bin)].shift_m).norm();
   for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
     const auto at = static_cast<std::size_t>(slot);
     const CarrierPose& carrier = carriers_[at];
@@ -100,7 +97,7 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
       Insert(slot, newest, &hidden.unseen);
       continue;
     }
-    const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
+    const std::uint32_t row = rows_[DirectionCells::CellOf(ray_m)];
     if (row != kNone && IsNearer(depths_[row + at], range_m)) {
       Insert(slot, newest, &hidden.behind);
     }
@@ -120,7 +117,7 @@ void Occlusion::Insert(int slot, std::int64_t newest, RecentBins* bins) const {
 }
 
 const Eigen::Vector3f& Occlusion::ViewpointM() const {
-  return carriers_[SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
+  return carriers_[RecentBins::SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
 }
 
 }  // namespace unlidar

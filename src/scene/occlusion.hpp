@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/angles.hpp"
 #include "base/recording.hpp"
-#include "scene/direction_cells.hpp"
 #include "scene/field_of_view.hpp"
 #include "scene/recent_bins.hpp"
 
@@ -44,7 +44,6 @@ class Occlusion {
   void FinishBin();
   void Insert(int slot, std::int64_t newest, RecentBins* bins) const;
 
-  DirectionCells cells_;
   std::int64_t bin_ = -1;
   std::vector<std::uint32_t> cell_of_;  // (returns of that bin)
   std::vector<std::uint16_t> quanta_;   // (the same) quantised ranges

@@ -60,8 +60,7 @@ void Occupancy::CountFrame(std::int64_t bin) {
   if (bin > newest_) {
     const std::int64_t passed = std::min<std::int64_t>(bin - newest_, RecentBins::kWindow);
     for (std::int64_t b = bin - passed + 1; b <= bin; ++b) {
-      num_frames_ -=
-          std::exchange(frame_counts_[static_cast<std::size_t>(b % RecentBins::kWindow)], 0U);
+      num_frames_ -= std::exchange(frame_counts_[RecentBins::SlotOf(b)], 0U);
     }
     observed_.Age(bin - newest_);
     newest_ = static_cast<std::int32_t>(bin);
@@ -69,15 +68,12 @@ void Occupancy::CountFrame(std::int64_t bin) {
   const std::int64_t age = newest_ - bin;
   if (age >= RecentBins::kWindow) return;
   observed_.Insert(static_cast<int>(age));
-  ++frame_counts_[static_cast<std::size_t>(bin % RecentBins::kWindow)];
+  ++frame_counts_[RecentBins::SlotOf(bin)];
   ++num_frames_;
   // The newest bin is expected to get as many frames as the one before.
-  const auto count_of = [this](std::int64_t of_bin) {
-    return frame_counts_[static_cast<std::size_t>(of_bin % RecentBins::kWindow)];
-  };
-  const std::uint32_t expected = newest_ > 0 ? count_of(newest_ - 1) : 0;
-  turns_ = expected == 0 ? kJudgingTurns
-                         : static_cast<int>(kJudgingTurns * count_of(newest_) / expected);
+  const std::uint32_t count = frame_counts_[RecentBins::SlotOf(newest_)];
+  const std::uint32_t expected = newest_ > 0 ? frame_counts_[RecentBins::SlotOf(newest_ - 1)] : 0;
+  turns_ = expected == 0 ? kJudgingTurns : static_cast<int>(kJudgingTurns * count / expected);
 }
 
 void Occupancy::Age(Place* place) const {

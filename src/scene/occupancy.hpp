@@ -11,7 +11,6 @@
 #include "scene/occlusion.hpp"
 #include "scene/recent_bins.hpp"
 #include "scene/shell_table.hpp"
-#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -25,6 +24,12 @@ inline constexpr double kMinStrayShare = 0.5;
 
 // A frame of more returns takes so long that what may wait is left to the next ones.
 inline constexpr std::size_t kManyReturns = 50'000;
+
+// Rate of strays, in returns per frame and m^3.
+struct StrayRate {
+  double usual = 0.0;    // over all times
+  double present = 0.0;  // of late
+};
 
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
@@ -132,6 +137,7 @@ class Occupancy {
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   RecentBins VisibleBins(const Place& place, int age, const RecentBins& hits,
                          const Dwell& dwell) const;
+  Eigen::Vector3f NearerPlaceM(const Eigen::Vector3f& point_m, float share) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
   double EvenRate(const Eigen::Vector3f& point_m, const RecentBins& bins) const;

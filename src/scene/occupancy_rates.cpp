@@ -20,13 +20,13 @@ double HitsPerBin(double occupied, double exposed) {
   return -std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
 }
 
+}  // namespace
+
 // Place at a share of the way from the viewpoint to another.
-Eigen::Vector3f NearerPlaceM(const Eigen::Vector3f& viewpoint_m, const Eigen::Vector3f& point_m,
-                             float share) {
+Eigen::Vector3f Occupancy::NearerPlaceM(const Eigen::Vector3f& point_m, float share) const {
+  const Eigen::Vector3f& viewpoint_m = occlusion_.ViewpointM();
   return viewpoint_m + share * (point_m - viewpoint_m);
 }
-
-}  // namespace
 
 RecentBins Occupancy::HitsOf(const Place& place) const {
   RecentBins hits = place.hits;
@@ -78,9 +78,8 @@ double Occupancy::RateThroughout(const RecentBins& hits, const Eigen::Vector3f& 
 double Occupancy::UsualStrayRate(const Eigen::Vector3f& point_m) const {
   if (!knows_strays_) return 0.0;
   double rate = std::numeric_limits<double>::infinity();
-  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   for (const float share : kSharesOfRay) {
-    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
+    const Eigen::Vector3f nearer_m = NearerPlaceM(point_m, share);
     const RecentBins hits = HitsAround(nearer_m);
     // A single bin may be a passing target.
     if ((hits & observed_).Size() <= 1) return 0.0;
@@ -132,9 +131,8 @@ StrayRate Occupancy::StrayRateIn(const Eigen::Vector3f& point_m, std::int64_t bi
   present.Insert(age + 1);
   present = present & observed_;
   rate.present = std::numeric_limits<double>::infinity();
-  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   for (const float share : kSharesOfRay) {
-    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
+    const Eigen::Vector3f nearer_m = NearerPlaceM(point_m, share);
     rate.present = std::min(rate.present, EvenRate(nearer_m, present));
   }
   return rate;
@@ -148,9 +146,8 @@ bool Occupancy::AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rat
     return rate / (num_frames_ * places_.VolumeM3(at_m));
   };
   const double own_variance = Square(kMinStrayShare) * variance(point_m, voxel_rate);
-  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
-    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
+    const Eigen::Vector3f nearer_m = NearerPlaceM(point_m, share);
     const double nearer_rate = EvenRate(nearer_m, observed_);
     const double spread = Square(static_cast<double>(share));
     const double sigma = std::sqrt(own_variance + Square(spread) * variance(nearer_m, nearer_rate));

@@ -16,7 +16,6 @@
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
 #include "scene/stations.hpp"
-#include "scene/stray_groups.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -146,7 +145,6 @@ struct BodyBox {
 // Inserts a body behind those that are not later.
 void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies);
 
-// Plots and bodies of one frame.
 struct FramePlots {
   std::vector<Plot> plots;                  // without the lists of their returns
   std::vector<BodyBox> bodies;              // people, cars

@@ -15,13 +15,6 @@ std::uint32_t RangeGrid::NewBinCount(const BinCount& value) {
   return index;
 }
 
-// Makes all counts known so far invalid.
-void RangeGrid::NoteChange() {
-  if (++version_ != 0) return;
-  counted_.clear();  // after 2^32 changes a stale count would pass for a valid one
-  version_ = 1;
-}
-
 // Frees a bin and all earlier ones of its voxel.
 void RangeGrid::Free(std::uint32_t first) {
   for (std::uint32_t at = first; at != kNone;) {
@@ -31,7 +24,7 @@ void RangeGrid::Free(std::uint32_t first) {
 }
 
 void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count) {
-  NoteChange();
+  ++version_;
   places_.VisitOverlappingShells({&point_m, 1}, {}, [&](std::size_t, Profile& profile, bool) {
     profile.total += count;
     // Points arrive mostly in temporal order.
@@ -61,7 +54,7 @@ void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int3
 }
 
 void RangeGrid::Forget(std::uint32_t before_bin) {
-  NoteChange();
+  ++version_;
   places_.EraseIf([&](Profile& profile) {
     if (profile.latest.bin < before_bin) {
       Free(profile.latest.earlier);

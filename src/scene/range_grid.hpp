@@ -67,7 +67,7 @@ class RangeGrid {
 
   // A count of the neighbourhood of a voxel.
   struct Counted {
-    std::uint32_t version = 0;  // of the grid, for which it holds
+    std::uint64_t version = 0;  // of the grid, for which it holds
     std::uint32_t voxel = 0;
     std::int32_t count = 0;
     BinRange bins;
@@ -82,11 +82,10 @@ class RangeGrid {
                           const CountOf& count_of) const;
   std::uint32_t NewBinCount(const BinCount& value);
   void Free(std::uint32_t first);
-  void NoteChange();
 
   CountCache count_cache_;
   ShellTable<Profile> places_;
-  std::uint32_t version_ = 1;  // counts up with each change
+  std::uint64_t version_ = 1;  // counts up with each change
   // The last that were computed, of all bins and of some, by the voxel modulo kNumCounted.
   mutable std::vector<std::array<Counted, 2>> counted_;
   // All but the latest, of all voxels: a grid that forgets as much as it adds needs no memory.

@@ -13,11 +13,12 @@ class RecentBins {
  public:
   static constexpr int kWindow = 256;  // 128 s in bins of half a second
 
+  // Index of a bin in a table of the window, counted from the begin of time.
+  static std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % kWindow); }
+
   void Insert(int age) { words_[WordOf(age)] |= BitOf(age); }
   bool Contains(int age) const { return (words_[WordOf(age)] & BitOf(age)) != 0; }
-  bool IsEmpty() const {
-    return std::all_of(words_.begin(), words_.end(), [](std::uint64_t word) { return word == 0; });
-  }
+  bool IsEmpty() const { return *this == RecentBins(); }
 
   int Size() const {
     int size = 0;

@@ -113,11 +113,11 @@ SensorHealth::Snapshot SensorHealth::CompareWith(const OccupancyModel& model) co
 
 bool SensorHealth::IsDegraded(const Snapshot& snapshot) const {
   const double margin = is_blinded_ ? kMargin : 1.0;
-  const bool is_wide = snapshot.directions >= kMinDirections;
-  if (is_wide && snapshot.near_directions > margin * kMaxNearShare * snapshot.directions)
+  if (snapshot.directions >= kMinDirections &&
+      (snapshot.near_directions > margin * kMaxNearShare * snapshot.directions ||
+       snapshot.strays > margin * kMaxStraysPerDirection * snapshot.directions)) {
     return true;
-  if (is_wide && snapshot.strays > margin * kMaxStraysPerDirection * snapshot.directions)
-    return true;
+  }
   if (reference_.snapshots < kMinSnapshots) return false;
   if (snapshot.expected >= kMinStructure &&
       snapshot.seen * margin < kMinSeenRatio * snapshot.expected) {

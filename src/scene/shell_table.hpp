@@ -12,7 +12,6 @@
 
 #include "base/block_queue.hpp"
 #include "base/recording.hpp"
-#include "base/voxel_blocks.hpp"
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
 #include "unlidar/config.hpp"
@@ -59,48 +58,50 @@ class ShellTable {
       own->numbers.resize(points_m.size());
       own->num_erasures = num_erasures_;
     }
-    const auto touch = [&](std::size_t i) {
-      VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
-        Touch(i, shell, key, is_own);
-      });
-    };
-    VisitInParts(
-        points_m.size(), touch,
-        [&](Touched& touched) {
-          touched.number = numbers_.FindOrAdd(touched.shell, touched.key, touched.hash);
-          if (touched.number == values_.size()) {
-            values_.push_back(initial);
-            blocks_.Add(touched.shell, touched.key);
-          }
-          if (touched.is_own && own != nullptr) own->numbers[touched.point] = touched.number;
-        },
-        [&](const Touched& touched) {
-          visit(touched.point, values_[touched.number], touched.is_own);
-        });
+    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+      const std::size_t end = std::min(begin + kPartSize, points_m.size());
+      touched_.clear();
+      for (std::size_t i = begin; i < end; ++i) TouchVoxelsOf(i, points_m[i]);
+      for (Touched& touched : touched_) {
+        touched.number = numbers_.FindOrAdd(touched.shell, touched.key, touched.hash);
+        if (touched.number == values_.size()) {
+          values_.push_back(initial);
+          blocks_.Add(touched.shell, touched.key);
+        }
+        if (touched.is_own && own != nullptr) own->numbers[touched.point] = touched.number;
+        PrefetchValue(touched.number);
+      }
+      for (const Touched& touched : touched_) {
+        visit(touched.point, values_[touched.number], touched.is_own);
+      }
+    }
   }
 
   // Calls visit(i, value) for each point i whose own voxel is known; voxels are prefetched. Those
   // of `own`, if it is still valid, need not be looked up.
   template <class Visit>
   void VisitOwn(PointsView points_m, const OwnVoxels& own, const Visit& visit) {
-    if (own.numbers.size() == points_m.size() && own.num_erasures == num_erasures_) {
-      for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
-        const std::size_t end = std::min(begin + kPartSize, points_m.size());
-        for (std::size_t i = begin; i < end; ++i) PrefetchValue(own.numbers[i]);
-        for (std::size_t i = begin; i < end; ++i) visit(i, values_[own.numbers[i]]);
-      }
-      return;
-    }
-    const auto touch = [&](std::size_t i) {
-      const Home home = HomeOf(points_m[i]);
-      Touch(i, home.shell, home.key, true);
+    const bool are_known =
+        own.numbers.size() == points_m.size() && own.num_erasures == num_erasures_;
+    const auto find = [&](const Touched& touched) {
+      return numbers_.Find(touched.shell, touched.key, touched.hash);
     };
-    VisitInParts(
-        points_m.size(), touch,
-        [&](Touched& touched) {
-          touched.number = numbers_.Find(touched.shell, touched.key, touched.hash);
-        },
-        [&](const Touched& touched) { visit(touched.point, values_[touched.number]); });
+    std::array<std::uint32_t, kPartSize> numbers{};
+    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+      const std::size_t size = std::min(kPartSize, points_m.size() - begin);
+      touched_.clear();
+      for (std::size_t i = 0; i < size && !are_known; ++i) {
+        const Home home = HomeOf(points_m[begin + i]);
+        Touch(begin + i, home.shell, home.key, true);
+      }
+      for (std::size_t i = 0; i < size; ++i) {
+        numbers[i] = are_known ? own.numbers[begin + i] : find(touched_[i]);
+        if (numbers[i] != VoxelNumbers::kNone) PrefetchValue(numbers[i]);
+      }
+      for (std::size_t i = 0; i < size; ++i) {
+        if (numbers[i] != VoxelNumbers::kNone) visit(begin + i, values_[numbers[i]]);
+      }
+    }
   }
 
   // Returns the number of the voxel of a point in its own shell; VoxelNumbers::kNone if it is not
@@ -228,31 +229,11 @@ class ShellTable {
     touched_.push_back({key, static_cast<std::uint32_t>(point), shell, hash, is_own});
   }
 
-  // Touches voxels of `count` points, then finds their numbers, then visits those that are known,
-  // by a part of the points after the other.
-  template <class TouchPoint, class FindNumber, class Visit>
-  void VisitInParts(std::size_t count, const TouchPoint& touch, const FindNumber& find_number,
-                    const Visit& visit) {
-    for (std::size_t begin = 0; begin < count; begin += kPartSize) {
-      touched_.clear();
-      for (std::size_t i = begin; i < std::min(begin + kPartSize, count); ++i) touch(i);
-      for (Touched& touched : touched_) {
-        find_number(touched);
-        if (touched.number != VoxelNumbers::kNone) PrefetchValue(touched.number);
-      }
-      for (const Touched& touched : touched_) {
-        if (touched.number != VoxelNumbers::kNone) visit(touched);
-      }
-    }
-  }
-
-  // Calls visit(shell, key, is_own) for the voxel of a point in each shell with a place near
-  // enough.
-  template <class Visit>
-  void VisitVoxelsOf(const Eigen::Vector3f& point_m, const Visit& visit) const {
+  // Touches the voxel of a point in each shell with a place near enough.
+  void TouchVoxelsOf(std::size_t point, const Eigen::Vector3f& point_m) {
     const Home home = HomeOf(point_m);
-    std::size_t first = home.shell;
-    std::size_t last = home.shell;
+    std::uint32_t first = home.shell;
+    std::uint32_t last = home.shell;
     while (first > 0 && home.range_m - shells_[first].begin_m <= shells_[first - 1].reach_m) {
       --first;
     }
@@ -260,10 +241,9 @@ class ShellTable {
            shells_[last + 1].begin_m - home.range_m <= shells_[last + 1].reach_m) {
       ++last;
     }
-    for (std::size_t shell = first; shell <= last; ++shell) {
+    for (std::uint32_t shell = first; shell <= last; ++shell) {
       const bool is_own = shell == home.shell;
-      const VoxelKey key = is_own ? home.key : VoxelOf(point_m, shells_[shell].edge_m);
-      visit(static_cast<std::uint32_t>(shell), key, is_own);
+      Touch(point, shell, is_own ? home.key : VoxelOf(point_m, shells_[shell].edge_m), is_own);
     }
   }
 

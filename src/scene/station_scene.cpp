@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "scene/stray_groups.hpp"
 
 namespace unlidar {
 namespace {

@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "scene/field_of_view.hpp"
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
 #include "scene/shell_table.hpp"
 #include "scene/support.hpp"
-#include "scene/watched_elevations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -35,7 +35,6 @@ class StationScene {
   void FitGround();
   void FillSupport();
 
-  // True after Fit().
   bool is_fitted() const { return num_fits_ > 0; }
 
   // Returns the plots and bodies of a frame that was learned, the only one of `frame`; valid until

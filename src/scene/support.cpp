@@ -22,11 +22,65 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 
 }  // namespace
 
+DepthMap::DepthMap() : medians_m_(DirectionCells::kCount, std::numeric_limits<float>::infinity()) {
+  const auto angle_of = [](double rad) { return Angle{rad, std::cos(rad), std::sin(rad)}; };
+  for (std::size_t row = 0; row < DirectionCells::kRows; ++row) {
+    elevations_.push_back(angle_of(DirectionCells::RowRad(row)));
+  }
+  for (std::size_t column = 0; column < DirectionCells::kColumns; ++column) {
+    azimuths_.push_back(angle_of(DirectionCells::ColumnRad(column)));
+  }
+}
+
+void DepthMap::Fill(const PointsView& points_m) {
+  cell_of_.resize(points_m.size());
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    cell_of_[i] = static_cast<std::uint32_t>(DirectionCells::CellOf(points_m[i]));
+  }
+  ranges_m_.resize(points_m.size());
+  SortByGroup(cell_of_, medians_m_.size(), &begins_,
+              [&](std::size_t i, std::uint32_t at) { ranges_m_[at] = points_m[i].norm(); });
+  for (std::size_t cell = 0; cell < medians_m_.size(); ++cell) {
+    float* const begin = ranges_m_.data() + begins_[cell];
+    float* const end = ranges_m_.data() + begins_[cell + 1];
+    medians_m_[cell] = begin == end ? std::numeric_limits<float>::infinity()
+                                    : NthSmallest(begin, end, (end - begin) / 2);
+  }
+}
+
+double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                             const ElevationRange& view) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
+  const double radius_rad = std::atan2(radius_m, range_m);
+  const double min_cosine = std::cos(radius_rad);
+  const double elevation_rad = std::asin(towards.z());
+  double all = 0.0;
+  double hidden = 0.0;
+  const auto is_hidden = [&](std::size_t cell) {
+    return static_cast<double>(medians_m_[cell]) < range_m - margin_m;
+  };
+  for (std::size_t row = 0; row < elevations_.size(); ++row) {
+    const Angle& elevation = elevations_[row];
+    if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
+    const double weight = elevation.cosine;  // cells are narrower towards the zenith
+    for (std::size_t column = 0; column < azimuths_.size(); ++column) {
+      const Angle& azimuth = azimuths_[column];
+      const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
+      if (cell.dot(towards) < min_cosine) continue;
+      all += weight;
+      if (!view.Contains(cell, elevation.rad) || is_hidden(row * azimuths_.size() + column)) {
+        hidden += weight;
+      }
+    }
+  }
+  // A neighbourhood narrower than a cell: use the cell of the place.
+  if (all == 0.0) return is_hidden(DirectionCells::CellOf(place_m)) ? 1.0 : 0.0;
+  return hidden / all;
+}
+
 Support::Support(Ground ground, const SupportConfig& config)
-    : ground_(std::move(ground)),
-      config_(config),
-      depth_(kHidingCellDeg),
-      lasting_depth_(kHidingCellDeg) {}
+    : ground_(std::move(ground)), config_(config) {}
 
 void Support::Fill(const PointsView& supports_m, const std::vector<char>& are_lasting,
                    const ElevationRange& view) {

@@ -5,14 +5,49 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/angles.hpp"
 #include "base/recording.hpp"
 #include "base/voxel_numbers.hpp"
-#include "scene/depth_map.hpp"
 #include "scene/field_of_view.hpp"
 #include "scene/ground.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// Median range of the returns per direction cell.
+class DepthMap {
+ public:
+  // An empty map.
+  DepthMap();
+
+  // Replaces the contents, reusing memory.
+  void Fill(const PointsView& points_m);
+
+  // Median range in the direction of a place, as seen from the sensor; infinity without returns.
+  float MedianM(const Eigen::Vector3f& place_m) const {
+    return medians_m_[DirectionCells::CellOf(place_m)];
+  }
+
+  // Returns the share of the directions within `radius_m` of a place, as seen from the sensor, that
+  // are out of view or in which something is nearer than the place by `margin_m`.
+  double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                     const ElevationRange& view) const;
+
+ private:
+  struct Angle {
+    double rad;
+    double cosine;
+    double sine;
+  };
+
+  std::vector<Angle> elevations_;  // (rows) of the cell centres
+  std::vector<Angle> azimuths_;    // (columns)
+  std::vector<float> medians_m_;   // (rows x columns) infinity without returns
+  // Buffers of Fill(), kept for reuse.
+  std::vector<std::uint32_t> cell_of_;  // (points)
+  std::vector<std::uint32_t> begins_;   // (cells + 1) in ranges_m_
+  std::vector<float> ranges_m_;         // (points) by cell
+};
 
 // Structure closer than this may be the object itself.
 constexpr double kObjectRadiusM = 1.5;
@@ -37,7 +72,6 @@ inline double SupportReachM(double range_m, const SupportConfig& config) {
 // Tests whether structure or ground near a place may support a static object there.
 class Support {
  public:
-  // Starts without structure.
   Support(Ground ground, const SupportConfig& config);
 
   // Replace ground and possible supports. `are_lasting` (supports): false where a target may have

@@ -15,7 +15,6 @@
 #include "base/recording.hpp"
 #include "scene/small_motion.hpp"
 #include "scene/stations.hpp"
-#include "scene/surface_map.hpp"
 
 namespace unlidar {
 

@@ -1,5 +1,3 @@
-#include "scene/depth_map.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 #include <vector>
 
 #include "base/angles.hpp"
+#include "scene/support.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -27,7 +26,7 @@ Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m
 }
 
 DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) {
-  DepthMap map(2.0);
+  DepthMap map;
   map.Fill(points_m);
   return map;
 }
@@ -55,7 +54,7 @@ std::vector<Eigen::Vector3f> HalfADome() {
 }
 
 TEST(DepthMap, APlaceIsHiddenBehindTheMedianRangeOfItsCell) {
-  constexpr double kCell_deg = 10.0;
+  constexpr double kCell_deg = 2.0;
   constexpr double kNarrow_m = 1e-6;  // so that the cell of the place counts alone
   Random random(2);
   // Cells are counted from straight behind, and from straight below.
@@ -66,11 +65,11 @@ TEST(DepthMap, APlaceIsHiddenBehindTheMedianRangeOfItsCell) {
     return std::array<int, 2>{static_cast<int>(azimuth_deg / kCell_deg),
                               static_cast<int>(elevation_deg / kCell_deg)};
   };
-  DepthMap map(kCell_deg);
+  DepthMap map;
   for (int fill = 0; fill < 3; ++fill) {  // anew each time
     std::vector<Eigen::Vector3f> points_m;
     std::map<std::array<int, 2>, std::vector<float>> ranges_m;
-    for (int i = 0; i < 2000; ++i) {
+    for (int i = 0; i < 40'000; ++i) {
       points_m.push_back(random.NormalVector(20.0).cast<float>());
       ranges_m[cell_of(points_m.back())].push_back(points_m.back().norm());
     }

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/symmetric_matrix.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "base/recording.hpp"
 #include "scene/occupancy.hpp"
-#include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "scene/time_bins.hpp"
 
 namespace unlidar::testing {

@@ -1,5 +1,3 @@
-#include "trajectory/output_times.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include "io/stamp.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
+#include "trajectory/sampling.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -280,7 +280,7 @@ TEST(ExistenceInterval, IsWidenedToTheFramesOfAnySensor) {
 
 std::vector<TrajectoryRow> Sampled(const RowSource& source, const std::vector<TimeNs>& times_ns) {
   const OutputInstants instants(times_ns);
-  return Drained(SampleRows(source, instants));
+  return Drained([rows = RowSampler(source, instants)]() mutable { return rows.Next(); });
 }
 
 // Of a straight flight, without limits.

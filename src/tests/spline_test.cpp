@@ -9,9 +9,7 @@
 #include <vector>
 
 #include "trajectory/banded.hpp"
-#include "trajectory/bspline.hpp"
 #include "trajectory/spline_model.hpp"
-#include "trajectory/spline_solver.hpp"
 
 namespace unlidar {
 namespace {
@@ -68,20 +66,19 @@ TEST(BSpline, KnotsAreFineWhereTimesAreDenseAndCoverThemAll) {
   std::vector<double> times_s;
   for (int i = 0; i < 500; ++i) times_s.push_back(0.01 * i);  // dense up to 5 s
   times_s.push_back(8.0);
-  const KnotSpacing spacing{0.05, 0.25, 5.0};
   std::vector<double> knots_s;
-  PlaceKnots(times_s, spacing, knots_s);
+  PlaceKnots(times_s, 5.0, knots_s);
   EXPECT_LE(knots_s[3], -5.0);
   EXPECT_GE(knots_s[knots_s.size() - 4], 13.0);
   for (std::size_t i = 1; i < knots_s.size(); ++i) {
     const double length_s = knots_s[i] - knots_s[i - 1];
-    EXPECT_GE(length_s, spacing.min_s - 1e-9);
-    EXPECT_LE(length_s, spacing.max_s + 1e-9);
+    EXPECT_GE(length_s, kMinKnotSpacingS - 1e-9);
+    EXPECT_LE(length_s, kMaxKnotSpacingS + 1e-9);
     if (knots_s[i - 1] > 0.0 && knots_s[i] < 4.9) {
-      EXPECT_NEAR(length_s, 0.05, 1e-9);
+      EXPECT_NEAR(length_s, kMinKnotSpacingS, 1e-9);
     }
     if (knots_s[i - 1] > 5.1 && knots_s[i] < 7.9) {
-      EXPECT_NEAR(length_s, 0.25, 1e-9);
+      EXPECT_NEAR(length_s, kMaxKnotSpacingS, 1e-9);
     }
   }
 }

@@ -1,5 +1,3 @@
-#include "scene/stray_groups.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>

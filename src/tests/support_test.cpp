@@ -303,7 +303,7 @@ Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Ran
 }
 
 DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
-  DepthMap depth(2.0);
+  DepthMap depth;
   depth.Fill(structure_m);
   return depth;
 }

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "base/ray_axes.hpp"
+#include "base/maths.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/tracker.hpp"

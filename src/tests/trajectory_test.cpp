@@ -18,7 +18,7 @@
 
 #include "tests/draws.hpp"
 #include "tests/fit_trajectory.hpp"
-#include "trajectory/bspline.hpp"
+#include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {

@@ -1,9 +1,9 @@
-#include "base/voxel_blocks.hpp"
-
 #include <gtest/gtest.h>
 
 #include <random>
 #include <vector>
+
+#include "base/voxel_numbers.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,10 +1,9 @@
-#include "scene/watched_elevations.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <vector>
 
+#include "scene/field_of_view.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {

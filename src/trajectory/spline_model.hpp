@@ -1,5 +1,8 @@
 // The linear-Gaussian model behind a trajectory: measurements and the smoothness prior as rows over
-// the control points of a spline.
+// the control points of a cubic B-spline over time, and their least squares.
+//
+// K knots, uneven and strictly increasing, carry K - 4 control points and K - 7 intervals; interval
+// i is [knots[i + 3], knots[i + 4]) and depends on the control points i ... i + 3.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,9 +10,32 @@
 #include <cstddef>
 #include <vector>
 
+#include "trajectory/banded.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
+
+// Limits of the spacing of knots, which follows that of the measurements: two sensors give 20 a
+// second, and over more than the longer one the acceleration of a drone changes.
+inline constexpr double kMinKnotSpacingS = 0.05;
+inline constexpr double kMaxKnotSpacingS = 0.2;
+
+// Sets the knots for measurements at `times_s` (ascending, not empty): one interval each where the
+// spacing allows it, so that none is smoothed over. Within a gap the spacing grows to a tenth of
+// the distance to its end, which bounds the number of knots and keeps the problem well conditioned.
+// `margin_s`: extent of the spline before the first and after the last time.
+void PlaceKnots(const std::vector<double>& times_s, double margin_s, std::vector<double>& knots_s);
+
+// Returns the interval that contains the time, clamped to the first and last one.
+int IntervalAt(const std::vector<double>& knots_s, double time_s);
+
+// Returns the four basis functions of an interval as polynomials: (p, j) is the coefficient of
+// (t - knots[interval + 3])^p for control point interval + j.
+Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interval);
+
+// Returns values or derivatives (order 0 to 3) of the four basis functions at u_s after the start
+// of the interval.
+Eigen::Vector4d EvaluateBasis(const Eigen::Matrix4d& polynomials, double u_s, int derivative);
 
 // Residual of a measurement or of the smoothness, shared by the banded solver and Ceres:
 // r = S (sum_j b_j c_j - z) of four neighbouring control points c_j, so that dr/dc_j = b_j S, with
@@ -74,5 +100,47 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
 // Sets the smoothness for a constant, isotropic agility and the correlation time tau of the
 // acceleration.
 void SetSmoothness(double acceleration_time_s, SplineModel& model);
+
+// Least squares of a spline model by banded normal equations, in a time linear in its size. Reuses
+// its memory: no allocation for a model no larger than an earlier one.
+class SplineSolver {
+ public:
+  // Sets the smoothness of a model; to be called first.
+  void SetSmoothness(const SplineModel& model);
+
+  // Sets the measurements at these weights, and the start.
+  void SetMeasurements(const SplineModel& model, const std::vector<double>& weights);
+
+  // Factorises the normal matrix for one ratio sigma_a / k. Throws std::invalid_argument if double
+  // precision is not enough.
+  void Factorise(double ratio);
+
+  // Factorises and returns the control points of the minimum, valid until the next call.
+  const std::vector<Eigen::Vector3d>& Minimise(double ratio);
+
+  // Moves control points to that minimum by a step from their residuals: rounding errors are
+  // relative to the step, not to the positions as in Minimise(). Returns the largest movement of a
+  // point. Uses the matrix factorised last, with the same weights.
+  double Step(const SplineModel& model, const std::vector<double>& weights,
+              std::vector<Eigen::Vector3d>& control_points_m);
+
+  // log det of the information on the control points from the smoothness of a model of constant
+  // agility and a first position and velocity known to 1 m and 1 m/s.
+  double LogDeterminantOfSmoothness(const SplineModel& model);
+
+  // Of the matrix factorised last.
+  double LogDeterminant() const { return LogDeterminantBanded(factor_); }
+  void Invert(BandedMatrix& inverse) const { InvertWithinBand(factor_, inverse); }
+
+ private:
+  BandedMatrix data_;
+  BandedMatrix smoothness_;
+  BandedMatrix factor_;
+  double smoothness_weight_ = 1.0;  // included in factor_
+  std::vector<double> right_;       // that of the smoothness is zero
+  std::vector<double> solution_;
+  std::vector<Eigen::Vector4d> triangle_;
+  std::vector<Eigen::Vector3d> control_points_m_;
+};
 
 }  // namespace unlidar

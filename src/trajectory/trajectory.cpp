@@ -1,6 +1,6 @@
 #include "trajectory/trajectory.hpp"
 
-#include "trajectory/bspline.hpp"
+#include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {

@@ -8,7 +8,7 @@
 // terms. sigma_a, tau and the noise scale k are estimated by marginal likelihood (REML, because
 // position and velocity at t_0 are nearly free): multicopters change their acceleration within half
 // a second, on smooth flights it lasts for four. rho is truncated. sigma_a varies along the flight
-// and with direction (agility.hpp).
+// and with direction (trajectory_fitter.hpp).
 #pragma once
 
 #include <Eigen/Core>

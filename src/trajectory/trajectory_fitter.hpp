@@ -1,18 +1,42 @@
 // Fits trajectories one after the other, reusing memory.
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <vector>
 
-#include "trajectory/agility.hpp"
 #include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_model.hpp"
 
 namespace unlidar {
 
+// Time-varying, anisotropic agility: targets are calm for most of a flight and agile for some
+// seconds, and accelerate more along their direction than across it. A single sigma_a would be too
+// wide for calm flight and far too narrow for manoeuvres.
+//
+// Levels of sigma_a over that of the whole flight: an eighth to four, in half octaves.
+inline constexpr int kAgilityLevels = 11;
+
+// Driving noise of the acceleration in an interval, in units of the variance of the whole flight.
+struct DrivingNoise {
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();    // of the fitted jerk
+  Eigen::Matrix3d unknown = Eigen::Matrix3d::Zero();    // posterior covariance of the jerk
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // of flight; shorter if slow
+};
+
+// Buffers of the fit of agilities, one entry per interval, kept for reuse.
+struct AgilityMemory {
+  using Levels = Eigen::Array<double, kAgilityLevels, 1>;
+  std::vector<DrivingNoise> driving_noises;
+  std::vector<Levels> likelihoods;
+  std::vector<Levels> forward;
+  std::vector<double> stay_probabilities;
+  std::array<std::vector<double>, 3> variances;  // of each spread
+};
+
 // Solver of the final robust minimum. Ceres allocates at each fit.
 enum class Minimiser { kBanded, kCeres };
-inline constexpr int kMaxCeresIterations = 500;
 
 // A fit no longer than an earlier one does not allocate, nor does `trajectory` if it is that of the
 // same target one frame earlier.
@@ -20,7 +44,7 @@ class TrajectoryFitter {
  public:
   explicit TrajectoryFitter(const TrajectoryConfig& config,
                             Minimiser minimiser = Minimiser::kBanded,
-                            int max_ceres_iterations = kMaxCeresIterations)
+                            int max_ceres_iterations = 500)
       : config_(config), minimiser_(minimiser), max_ceres_iterations_(max_ceres_iterations) {}
 
   // Fits measurements: at least one, in time order, with positive definite covariances. Throws

@@ -9,7 +9,6 @@
 #include "base/maths.hpp"
 #include "trajectory/banded.hpp"
 #include "trajectory/spline_model.hpp"
-#include "trajectory/spline_solver.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {

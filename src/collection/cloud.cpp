@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <iterator>
 
+#include "base/maths.hpp"
 #include "collection/body.hpp"
 #include "scene/range_grid.hpp"
 
@@ -43,6 +44,9 @@ constexpr double kEnoughReturns = 8.0;
 constexpr double kVolumeM = 0.13;
 constexpr double kVolumeRatio = 0.3;
 constexpr double kVolumeSigmas = 2.0;
+// A path may go on from a drone of a few returns to dust: the frames that tell must be spread over
+// this share of the time of all, as standard deviations.
+constexpr double kVolumeTimeShare = 0.5;
 // Returns within kNearM of a target may be part of it. Strays are counted between the other two:
 // all about it, and before it on the rays that go on to what is near. The edge of the view, ground
 // and trees take some of the former, but at most as many as to leave this share of them.
@@ -140,7 +144,7 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   }
   const double weight = kMaxReturnsOfFrame / std::max(kMaxReturnsOfFrame, own.count + near.count);
   if (own.count > 0.0) {
-    own_.push_back({at.time_ns, Tally()});
+    own_.push_back({at.time_ns, Tally(), weight * std::max(own.count - 3.0, 0.0)});
     own_.back().tally.Add(own, weight);
     own_scatter_m2 -= own_sum_m * own_sum_m.transpose() / own.count;
     const double across_m2 = own_scatter_m2.trace() - along.dot(own_scatter_m2 * along);
@@ -209,8 +213,23 @@ bool Shape::HasGrown(double ratio) const {
          thirds.middle.MeanM2() > first_m2 * std::exp(kMiddleShare * growth);
 }
 
+bool Shape::IsToldThroughout() const {
+  const auto variance_s2 = [&](const auto& weight_of) {
+    Eigen::Array3d sums = Eigen::Array3d::Zero();
+    for (const OwnFrame& frame : own_) {
+      const double at_s = SecondsOf(frame.time_ns - own_.front().time_ns);
+      sums += weight_of(frame) * Eigen::Array3d(1.0, at_s, at_s * at_s);
+    }
+    return sums[2] / sums[0] - Square(sums[1] / sums[0]);
+  };
+  const double told_s2 = variance_s2([](const OwnFrame& frame) { return frame.freedom; });
+  const double all_s2 = variance_s2([](const OwnFrame&) { return 1.0; });
+  return told_s2 >= Square(kVolumeTimeShare) * all_s2;
+}
+
 bool Shape::ScattersAsVolume(double sigmas) const {
   if (!uses_volume_ || volume_.residual_freedom <= 0.0) return false;
+  if (!IsToldThroughout()) return false;
   // The mean of n squares has a relative variance of 2 / n.
   const double error = std::sqrt(2.0 * volume_.squared_freedom) / volume_.residual_freedom;
   const double least_m2 =

@@ -78,6 +78,7 @@ class Shape {
   struct OwnFrame {
     TimeNs time_ns;
     Tally tally;
+    double freedom;  // of what it adds to Volume
   };
 
   // Spread of the own returns of each frame about their mean, summed over the frames.
@@ -107,6 +108,9 @@ class Shape {
   // True if the squared width has grown steadily: in the last third it is, by two standard errors,
   // more than `ratio` times that in the first, and in the middle third it is on the way.
   bool HasGrown(double ratio) const;
+
+  // True if the frames that add to Volume are spread over the time of the target.
+  bool IsToldThroughout() const;
 
   // True if its returns fill a volume, whichever way it is looked at, by this number of standard
   // errors: it is seen into. Those of a body lie on its skin.

@@ -170,8 +170,10 @@ TEST(ShapeRejections, WhatGrowsIsACloudBeforeItIsWide) {
 using Scatterer =
     std::function<Eigen::Vector3d(testing::Random* random, const Eigen::Vector3d& ray, int frame)>;
 
-// Judges what is seen in 30 frames of eight returns each while it passes at 12 m/s.
-bool IsCloud(const Scatterer& scatterer, bool is_timed, const RobustConfig& config) {
+// Judges what is seen in 30 frames while it passes at 12 m/s: of two returns each at first, then of
+// eight.
+bool IsCloud(const Scatterer& scatterer, bool is_timed, const RobustConfig& config,
+             int num_sparse = 0) {
   testing::Random random(7);
   Shape shape(config);
   for (int i = 0; i < 30; ++i) {
@@ -179,7 +181,7 @@ bool IsCloud(const Scatterer& scatterer, bool is_timed, const RobustConfig& conf
     at.time_ns = static_cast<TimeNs>(i) * 100'000'000;
     at.velocity_mps = {12.0, -1.0, 0.5};
     at.position_m = Eigen::Vector3d(-16.0, 14.0, 8.0) + 0.1 * i * at.velocity_mps;
-    std::vector<ReturnCluster> clusters(8);
+    std::vector<ReturnCluster> clusters(i < num_sparse ? 2 : 8);
     for (ReturnCluster& one : clusters) {
       one.time_ns = at.time_ns + static_cast<TimeNs>(random.Uniform(-4e7, 4e7));
       one.is_own = true;
@@ -222,6 +224,9 @@ TEST(Shape, WhatScattersAsAVolumeIsACloud) {
   EXPECT_FALSE(IsCloud(flat, true, config));
   EXPECT_FALSE(IsCloud(flat, false, config));
   EXPECT_FALSE(IsCloud(in_ring, true, config));
+  // A drone of two returns a frame whose path ends in a cloud, too late to be one.
+  EXPECT_TRUE(IsCloud(in_ball, true, config, 13));
+  EXPECT_FALSE(IsCloud(in_ball, true, config, 17));
   RobustConfig without;
   without.disabled_rules = {Rule::kVolumeScattering};
   EXPECT_FALSE(IsCloud(in_ball, true, without));

@@ -1,11 +1,11 @@
-#include "live/track_follower.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numeric>
 #include <random>
 #include <vector>
+
+#include "live/track_follower.hpp"
 
 namespace unlidar {
 namespace {
@@ -52,7 +52,8 @@ class PastOfTest : public ::testing::Test {
   std::vector<std::uint32_t> PastPlots() const {
     RecentPlots seen;
     for (const LivePlot& one : seen_) seen.push_back(one);
-    return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_.robust);
+    return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_,
+                           config_.robust);
   }
 
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.

@@ -1,5 +1,3 @@
-#include "tracking/flight.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +6,7 @@
 #include <vector>
 
 #include "scene/clutter.hpp"
+#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {

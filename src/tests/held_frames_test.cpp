@@ -1,9 +1,9 @@
-#include "live/waiting_frames.hpp"
-
 #include <gtest/gtest.h>
 
 #include <string>
 #include <vector>
+
+#include "live/waiting_frames.hpp"
 
 namespace unlidar {
 namespace {

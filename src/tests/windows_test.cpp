@@ -1,6 +1,4 @@
 // Long recordings, searched window by window.
-#include "recording/robust.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include "recording/pipeline.hpp"
+#include "recording/robust.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 

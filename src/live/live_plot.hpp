@@ -11,7 +11,6 @@
 
 #include "base/block_queue.hpp"
 #include "base/maths.hpp"
-#include "base/queue.hpp"
 #include "collection/facing_side.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
@@ -47,35 +46,6 @@ struct LivePlot {
 
 // Plots of the last frames, in order of time.
 using RecentPlots = BlockQueue<LivePlot>;
-
-// Recent frame times, stored once per frame to save the memory of one per plot.
-class RecentFrameTimes {
- public:
-  // Adds the next frame. Frame numbers increase.
-  void Add(std::uint32_t frame, const FrameTime& at) {
-    Frame& added = frames_.Append();  // whose memory is reused
-    added.number = frame;
-    added.at = at;
-  }
-
-  // Returns the time of a frame that was added and is not forgotten, valid until the next call.
-  const FrameTime& At(std::uint32_t frame) const {
-    return FirstFrom(frames_, &Frame::number, frame)->at;
-  }
-
-  // Forgets the frames before `frame`.
-  void Forget(std::uint32_t frame) {
-    while (!frames_.empty() && frames_.front().number < frame) frames_.pop_front();
-  }
-
- private:
-  struct Frame {
-    std::uint32_t number = 0;
-    FrameTime at;
-  };
-
-  Queue<Frame> frames_;
-};
 
 // True if at least half of the plots of a path float.
 inline bool Floats(const std::vector<LivePlot>& path) {

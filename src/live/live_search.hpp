@@ -8,6 +8,7 @@
 #include "base/recording.hpp"
 #include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
+#include "live/recent_frame_times.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/rejection.hpp"

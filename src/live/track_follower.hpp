@@ -11,6 +11,7 @@
 #include "collection/body.hpp"
 #include "collection/frame_timing.hpp"
 #include "live/live_plot.hpp"
+#include "live/recent_frame_times.hpp"
 #include "live/track_fit.hpp"
 #include "tracking/track_model.hpp"
 #include "trajectory/trajectory.hpp"

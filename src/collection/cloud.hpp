@@ -48,7 +48,8 @@ class Shape {
   // True if its returns lie closer together than those of any drone.
   bool IsInsect() const;
 
-  // True if it is wide enough to be a piece of a cloud that is still small.
+  // True if it is wide enough to be a piece of a cloud that is still small, or seems to grow or to
+  // scatter as a volume.
   bool MayBeCloud() const;
 
   // Removes all frames.
@@ -142,9 +143,9 @@ class Shape {
 // less the strays expected from farther about it, are wider than any drone. A cloud comes in many
 // pieces, one after another on nearly the same path, which look like drones while they are small; a
 // target that stays where a cloud is at any time is therefore a piece of it, unless it stays narrow
-// for longer than they do. A cloud is also what grows, as a body does not. Insect: the returns of
-// a frame are closer together than those of any drone. `plots`: in order of time; `station_models`:
-// (sensors).
+// for longer than they do. A cloud is also what grows, or scatters throughout its volume, as a body
+// does not. Insect: the returns of a frame are closer together than those of any drone. `plots`: in
+// order of time; `station_models`: (sensors).
 std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,

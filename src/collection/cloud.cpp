@@ -39,8 +39,8 @@ constexpr double kNarrowestDroneM = 0.02;
 constexpr double kEnoughReturns = 8.0;
 // Least spread along any axis, given those along the others, and its square over the mean square of
 // all axes. What scatters throughout its volume has a ratio of 1, the skin of a ball 0.3. Of 70
-// flights none has more than 0.07 m, most of it noise of ranges; a multicopter of 0.8 m that were
-// filled with returns would have 0.12 to 0.14 m. Dust has 0.1 to 0.3 m and ratios of 0.4 to 0.7.
+// flights none has more than 0.07 m, most of it noise of ranges; a multicopter of 0.8 m filled
+// with returns would have 0.12 to 0.14 m. Dust has 0.1 to 0.3 m and ratios of 0.4 to 0.7.
 constexpr double kVolumeM = 0.13;
 constexpr double kVolumeRatio = 0.3;
 constexpr double kVolumeSigmas = 2.0;
@@ -166,7 +166,9 @@ void Shape::Volume::Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& n
   const double freedom = count - 3.0;
   if (freedom <= 0.0) return;
   const Eigen::Matrix3d precision = (frame_m2 + kLeastM2 * Eigen::Matrix3d::Identity()).inverse();
-  residual_m2 += weight * (precision.diagonal().array().inverse() - freedom * noise_m2);
+  // Scatters of streams are rounded to floats; what is left along an axis is some share of it.
+  const Eigen::Array3d left_m2 = precision.diagonal().array().inverse();
+  residual_m2 += weight * (left_m2.max(0.0).min(frame_m2.diagonal().array()) - freedom * noise_m2);
   residual_freedom += weight * freedom;
   squared_freedom += weight * weight * freedom;
   scatter_m2 += weight * frame_m2.trace();

@@ -25,7 +25,8 @@ struct ReturnCluster {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // their mean
   bool is_own = false;                                   // of the target under test
   double num_returns = 1.0;
-  // Sum over its returns, about their mean, less the motion of the target meanwhile.
+  // Scatter of its returns about their mean: sums of products, if its own less what the target
+  // moves meanwhile.
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
 };
 

@@ -83,9 +83,9 @@ void TrackValidator::SetShape(const TrackFollower& follower, const RecentPlots& 
         const Plot& plot = seen[i].plot;
         const bool is_own = follower.fit().IsInlier(plot);
         if (!is_own && plot.lowest_m < kPersonHeightM) continue;
-        clusters_.push_back({plot.time_ns, plot.position_m, is_own,
-                             static_cast<double>(plot.num_returns),
-                             seen[i].ScatterM2(at.velocity_mps)});
+        clusters_.push_back(
+            {plot.time_ns, plot.position_m, is_own, static_cast<double>(plot.num_returns),
+             is_own ? seen[i].ScatterM2(at.velocity_mps) : seen[i].scatter_m2.Full()});
       }
       if (!clusters_.empty()) {
         shape_.Add(at, last.ViewpointM(), StreakM2(last.streak_s, at.velocity_mps), clusters_);

@@ -41,7 +41,7 @@ class LiveEventReporter {
 
   void Note(const std::string& text) const { note_(text); }
 
-  // The same with the count of incidents before it, if that is worth a note.
+  // Notes `text` with the count of incidents, if that is worth a note.
   void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
                  const std::string& text) const;
 
@@ -187,7 +187,7 @@ class LiveIntake {
   FramePace pace_;
   std::vector<Sensor> sensors_;
   LiveSummary summary_;                  // without what the engine counts
-  std::size_t num_engine_warnings_ = 0;  // of all
+  std::size_t num_engine_warnings_ = 0;  // that were passed on
 };
 
 }  // namespace unlidar

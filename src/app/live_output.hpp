@@ -123,7 +123,8 @@ class LiveOutput {
     returns_.emplace(path, note);
   }
 
-  // Written to both files by the next Flush(), a track with its first row. `at_ns`: newest stamp.
+  // Written to both files by the next Flush(), a track with its first row. `at_ns`: newest
+  // accepted stamp.
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);

@@ -15,6 +15,9 @@ namespace unlidar {
 // Reads available input and passes it to the intake frame by frame.
 class LiveSource {
  public:
+  LiveSource() = default;
+  LiveSource(const LiveSource&) = delete;
+  LiveSource& operator=(const LiveSource&) = delete;
   virtual ~LiveSource() = default;
 
   // Descriptor that is readable when input is available.

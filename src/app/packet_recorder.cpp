@@ -70,6 +70,7 @@ std::string NameOf(std::uint64_t number) {
   std::tm utc{};
   ::gmtime_r(&now, &utc);
   std::ostringstream name;
+  name.exceptions(std::ios::badbit);  // a stream hides that memory has run out
   name << "packets_" << std::setfill('0') << std::setw(8) << number
        << std::put_time(&utc, "_%Y%m%dT%H%M%SZ.pcap");
   return name.str();

@@ -52,6 +52,7 @@ class CaptureFiles {
   // Packets written since construction.
   std::uint64_t packets() const { return packets_; }
 
+  // Of all files that are there.
   std::uint64_t total_bytes() const { return total_bytes_; }
 
  private:
@@ -84,7 +85,7 @@ struct RecordingCounts {
   std::uint64_t bytes = 0;         // of all files that are there
 };
 
-// Records in a thread of its own, as a slow disk delays no frame: once a second, or more often
+// Records in a thread of its own, so that a slow disk delays no frame: once a second, or more often
 // where there are many packets.
 class PacketRecorder {
  public:

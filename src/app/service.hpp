@@ -19,6 +19,8 @@ namespace unlidar {
 class Signals {
  public:
   Signals();
+  Signals(const Signals&) = delete;
+  Signals& operator=(const Signals&) = delete;
 
   // Waits until one of `fds` is ready, a signal has come or the time is over. Returns `fds` with
   // their revents.

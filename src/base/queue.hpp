@@ -37,6 +37,7 @@ class Queue {
 
   void push_back(T value) { Append() = std::move(value); }
 
+  // Inserts before `at`.
   void Insert(ConstIterator at, T value) {
     const std::ptrdiff_t index = at - std::as_const(*this).begin();
     push_back(std::move(value));

@@ -69,6 +69,7 @@ class FollowedFolders {
   // Returns the earliest complete frame.
   std::optional<FollowedFrame> Next();
 
+  // Those since the last call.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   std::size_t num_pending() const { return pending_.size(); }

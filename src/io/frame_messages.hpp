@@ -35,6 +35,7 @@ class FrameMessageReader {
   // Returns the next message; empty until all its bytes are there.
   std::optional<FrameMessage> Next();
 
+  // Those since the last call.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   // Checks the end of the stream; throws InputError in the middle of a message.

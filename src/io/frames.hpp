@@ -22,6 +22,7 @@ inline constexpr const char* kExpectedSensorName =
     "expected a name of up to 120 letters, digits, '_' and '-'";
 bool IsSensorName(const std::string& name);
 
+// By default the last component of the directory.
 std::string SourceName(const FrameSource& source);
 
 // Throws UsageError if two sources have the same name.

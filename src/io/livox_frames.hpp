@@ -25,6 +25,7 @@ class PowerOnClock {
   PowerOnClock(TimeNs zero_ns, const Arrival& arrival)
       : zero_ns_(zero_ns), before_ns_(zero_ns), host_ns_(arrival.unix_ns - arrival.steady_ns) {}
 
+  // Added to a stamp.
   TimeNs OffsetOf(TimeNs stamp_ns) const {
     return stamp_ns < turned_at_ns_ ? before_ns_ : zero_ns_;
   }

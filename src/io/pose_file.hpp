@@ -18,8 +18,9 @@ inline constexpr double kMaxPoseCoordinateM = 100'000.0;
 std::string PoseProblem(const Pose* before, const Pose& pose);
 
 // Reads poses in TUM format: lines `stamp x y z qx qy qz qw`, the stamp as ParseStamp() reads it,
-// in metres, separated by blanks; skips blank lines and those that begin with '#'. Returns at least
-// two, in order of time. Throws InputError naming file, line and value, also for a PoseProblem().
+// the place in metres, separated by blanks; skips blank lines and those that begin with '#'.
+// Returns at least two, in order of time. Throws InputError naming file, line and value, also for a
+// PoseProblem() and fewer than two poses.
 std::vector<Pose> ReadPoses(const std::string& path);
 
 using PoseFiles = std::map<std::string, std::string>;  // by the name of the sensor, see PosesByName

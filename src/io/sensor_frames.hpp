@@ -73,7 +73,8 @@ class SensorFrames {
   // Name, origin, and frame period from the stamps so far; valid until the next NoteStamp().
   const SensorInfo& info() const;
 
-  // Returns the warnings about these coordinates. `are_metres`: true if their source states so.
+  // Returns the warnings about these coordinates, of however few frames. `are_metres`: true if
+  // their source states so.
   std::vector<Warning> RangeWarnings(bool are_metres) const;
 
   // Returns the warning about frames left out for want of a pose, if there are any.
@@ -82,6 +83,7 @@ class SensorFrames {
   // Appends the warnings about the frames loaded so far.
   void AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const;
 
+  // Added to each stamp.
   TimeNs offset_ns() const { return offset_ns_; }
 
  private:

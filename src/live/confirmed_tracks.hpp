@@ -30,6 +30,7 @@ class ConfirmedTracks {
   // The shortest of the sensors' frame periods.
   void SetPeriod(TimeNs period_ns) { period_ns_ = period_ns; }
 
+  // Frames come in order of stamps.
   void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
 
   // Extends the tracks by the plots of a frame at `at`. A plot goes to at most one track, the one

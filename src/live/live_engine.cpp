@@ -138,8 +138,8 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
     overflow_.sensor = dropped->info.sensor;
     ++overflow_.count;
     --counts_.frames;
-    std::vector<TimeNs>& left_ns = sensors_[overflow_.sensor].stamps_ns;
-    left_ns.erase(std::lower_bound(left_ns.begin(), left_ns.end(), dropped->file.stamp_ns));
+    std::vector<TimeNs>& known_ns = sensors_[overflow_.sensor].stamps_ns;
+    known_ns.erase(std::lower_bound(known_ns.begin(), known_ns.end(), dropped->file.stamp_ns));
   }
   if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
 }

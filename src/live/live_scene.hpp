@@ -87,7 +87,7 @@ class LiveScene {
  private:
   // A frame that was learned and waits for its plots.
   struct WaitingFrame {
-    Recording frame;          // alone
+    Recording frame;          // of this one frame
     std::size_t station = 0;  // that learned it: the sensor may have been replaced since
     std::int64_t bin = 0;
     OwnVoxels voxels;

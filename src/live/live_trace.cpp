@@ -29,7 +29,7 @@ void LiveTrace::AddPath(const Path& path, const std::vector<PathCut>& cuts,
     verdict = {decision.log_likelihood_ratio, decision.rejection};
   }
   const Rules rule = Rules{1} << static_cast<int>(decision.rejection);
-  // A path with most of these plots was passed on for the same rule.
+  // Repeated: a path with most of these plots was passed on for the same rule.
   const auto num_known =
       std::count_if(path.plots.begin(), path.plots.end(),
                     [&](std::uint32_t plot) { return (rules_[plot] & rule) != 0; });

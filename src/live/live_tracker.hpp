@@ -39,11 +39,12 @@ class LiveTracker {
   // Takes a frame. Frames come in order of stamps. Swaps `frame` as LiveScene::Take() does.
   void Take(LoadedFrame* frame);
 
-  // Same as of ConfirmedTracks.
+  // Emits the rows that are due when `newest_ns` is the newest stamp.
   void EmitRows(TimeNs newest_ns) {
     scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
   }
 
+  // The next two: same as those of ConfirmedTracks.
   void Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
   void ContinueNumbers(const LiveTracker& earlier) { tracks_.ContinueNumbers(earlier.tracks_); }
 

@@ -39,18 +39,18 @@ class HeldFrames {
     CloudFrame frame;
   };
 
-  // On a frame: its sensor and time.
+  // Tells by the sensor and the time of a frame.
   using Condition = std::function<bool(std::uint32_t sensor, TimeNs time_ns)>;
 
   bool empty() const { return held_.empty(); }
   bool Has(std::uint32_t sensor, TimeNs time_ns) const;
   void Add(CloudFrame frame, TimeNs time_ns);
 
-  // Takes the earliest frame that is due; returns false if there is none.
+  // Takes the earliest frame for which `is_due`; returns false if there is none.
   bool TakeEarliest(const Condition& is_due, Held* taken);
 
-  // Takes a frame to drop: one that should be, else, if over the limits, the oldest frame of the
-  // sensor that holds the most. Returns false if there is none.
+  // Takes a frame to drop: one for which `should_drop`, else, if over the limits, the oldest frame
+  // of the sensor that holds the most. Returns false if there is none.
   bool TakeOverflow(const Condition& should_drop, Held* taken);
 
  private:

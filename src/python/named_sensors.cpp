@@ -100,7 +100,8 @@ py::buffer_info OffsetsOf(const py::object& offsets_ns, py::ssize_t num_points,
                    ",) and dtype int64");
 }
 
-// Like CopiedOffsets(), needs no interpreter lock.
+// Like CopiedOffsets(), needs no interpreter lock. Throws InputError for a finite coordinate that
+// no float holds.
 std::vector<Eigen::Vector3f> CopiedPoints(const py::buffer_info& points, const std::string& frame) {
   return IsDouble(points) ? PointsFrom<double>(points, frame) : PointsFrom<float>(points, frame);
 }

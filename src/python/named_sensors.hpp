@@ -38,6 +38,7 @@ class NamedSensors {
   // Frames that came and were not used.
   std::uint64_t num_dropped() const;
 
+  // Those since the last call.
   std::vector<std::string> TakeNotes();
 
  private:

@@ -98,6 +98,7 @@ class ClutterModel {
     std::uint32_t at_spot = 0;
   };
 
+  // Faster, the fewer later bins there are.
   SameTime SameTimeOf(const Plot& plot, std::uint32_t bin) const;
 
   // Rate of the neighbourhood of a plot, and of what lies as far ahead of a carrier that travels.

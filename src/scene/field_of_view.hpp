@@ -43,6 +43,7 @@ class FieldOfView {
 
   void AddFrame(PointsView points_m, const CarrierPose& carrier);
 
+  // True once the carrier has moved.
   bool is_carrier_moving() const { return is_carrier_moving_; }
 
   // True if a direction is between the lowest and the highest elevation of all returns and in an

@@ -13,7 +13,7 @@ class RecentBins {
  public:
   static constexpr int kWindow = 256;  // 128 s in bins of half a second
 
-  // Index of a bin in a table of the window, counted from the begin of time.
+  // Index of a bin in a table of the window, counted from bin 0.
   static std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % kWindow); }
 
   void Insert(int age) { words_[WordOf(age)] |= BitOf(age); }

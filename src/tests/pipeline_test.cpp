@@ -292,7 +292,7 @@ RowSource SourceOf(const TimeInterval& presence) {
   return source;
 }
 
-TEST(SampleRows, GivesRowsInsideThePresenceAndTheSigmaLimit) {
+TEST(RowSampler, GivesRowsInsideThePresenceAndTheSigmaLimit) {
   std::vector<TimeNs> times_ns(100);
   for (std::size_t i = 0; i < times_ns.size(); ++i) {
     times_ns[i] = (static_cast<TimeNs>(i) - 40) * kPeriodNs;
@@ -310,7 +310,7 @@ TEST(SampleRows, GivesRowsInsideThePresenceAndTheSigmaLimit) {
   EXPECT_TRUE(Sampled(SourceOf({0, 5 * kPeriodNs}), {}).empty());
 }
 
-TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
+TEST(RowSampler, AllRowsShareAnErrorOfDepthAlongTheRay) {
   constexpr double kDepthSigma_m = 0.2;
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
@@ -331,7 +331,7 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
 }
 
-TEST(SampleRows, AllRowsShareAnErrorOfElevationAcrossTheRay) {
+TEST(RowSampler, AllRowsShareAnErrorOfElevationAcrossTheRay) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   source.viewpoints = {{0, Eigen::Vector3d(0.0, 0.0, -1000.0)}};
@@ -350,7 +350,7 @@ TEST(SampleRows, AllRowsShareAnErrorOfElevationAcrossTheRay) {
   EXPECT_LT((added_m2 - Eigen::Vector3d(0.0, 0.02, 0.02)).norm(), 1e-3);
 }
 
-TEST(SampleRows, AllRowsShareAnErrorOfTheTimesAlongTheWay) {
+TEST(RowSampler, AllRowsShareAnErrorOfTheTimesAlongTheWay) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
@@ -367,7 +367,7 @@ TEST(SampleRows, AllRowsShareAnErrorOfTheTimesAlongTheWay) {
 
 // Of what is elsewhere with some probability, as much lies within so many sigmas of a row as of any
 // other; what is hardly likely changes little, however far away it is.
-TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {
+TEST(RowSampler, SigmasHoldWhatIsDoubtedAsWell) {
   const std::vector<TimeNs> times_ns = {10 * kPeriodNs};
   RowSource source = SourceOf({0, 19 * kPeriodNs});
   const TrajectoryRow plain = Sampled(source, times_ns).front();
@@ -400,7 +400,7 @@ TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {
   EXPECT_EQ(Sampled(source, times_ns).front().sigma_m, plain.sigma_m);
 }
 
-TEST(SampleRows, BetweenTwoDoubtsSigmasChangeGradually) {
+TEST(RowSampler, BetweenTwoDoubtsSigmasChangeGradually) {
   RowSource source = SourceOf({0, 19 * kPeriodNs});
   source.covariance_inflations = {{4 * kPeriodNs, Eigen::Vector3d::Zero()},
                                   {8 * kPeriodNs, Eigen::Vector3d::Ones()}};
@@ -415,7 +415,7 @@ TEST(SampleRows, BetweenTwoDoubtsSigmasChangeGradually) {
   }
 }
 
-TEST(SampleRows, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {
+TEST(RowSampler, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
@@ -449,7 +449,7 @@ std::vector<int> SupportOf(const RowSource& source, const std::vector<TimeNs>& t
   return support;
 }
 
-TEST(SampleRows, EachReturnSupportsTheRowNearestToItsFramesStamp) {
+TEST(RowSampler, EachReturnSupportsTheRowNearestToItsFramesStamp) {
   RowSource source = SourceOf({0, 10 * kPeriodNs});
   source.support = {{0, 2}, {kPeriodNs, 3}, {3 * kPeriodNs, 5}, {4 * kPeriodNs, 1}};
   // The second frame is as near to the first row as to the second.
@@ -474,7 +474,7 @@ std::vector<int> NearestRows(const std::vector<TrajectoryRow>& rows,
   return counts;
 }
 
-TEST(SampleRows, NoReturnIsLostOrCountedTwice) {
+TEST(RowSampler, NoReturnIsLostOrCountedTwice) {
   testing::Random random(7);
   for (int trial = 0; trial < testing::Draws(200); ++trial) {
     RowSource source = SourceOf({0, 1000});

@@ -111,8 +111,8 @@ class TrackSearch {
   void DropAssigned();
 
   // Removes the first `num_plots` plots, which the caller erases, and all hypotheses that neither
-  // an active one nor the end of a path descends from: most births are never continued. Indices of
-  // plots shift by `num_plots`.
+  // an active one nor the end of a path descends from: most births are never continued. No path may
+  // end at one of these plots. Indices of plots shift by `num_plots`.
   void Forget(std::size_t num_plots);
 
   void SetModel(const TrackModel& model) {

@@ -92,7 +92,7 @@ void TrackSearch::MarkAncestors(std::int32_t node, std::int32_t first_plot) {
 void TrackSearch::Forget(std::size_t num_plots) {
   const auto first_plot = static_cast<std::int32_t>(num_plots);
   EraseIf(&active_, [&](const Hypothesis& h) { return h.plot < first_plot; });
-  marks_.reserve(history_.capacity());
+  marks_.reserve(history_.capacity());  // so that a stream seldom allocates
   marks_.assign(history_.size(), kNoIndex);
   for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, first_plot);
   for (const Hypothesis& h : active_) MarkAncestors(h.node, first_plot);

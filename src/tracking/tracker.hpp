@@ -22,7 +22,7 @@ constexpr double kMinExchangeLog = 1.0;
 // `num_plots` plots may be the first of a path: method.md (9).
 double ScoreThreshold(double num_plots, double false_alarms, const TrackerConfig& config);
 
-// Numbers of plots, ascending.
+// Numbers of plots, ascending unless stated otherwise.
 using Members = std::vector<std::uint32_t>;
 
 struct Path {

@@ -137,7 +137,7 @@ class RowSampler {
   std::optional<TrajectoryRow> ahead_;  // support depends on the next row
 };
 
-// RowSampler::Next() or the like.
+// Returns the next row, none after the last one, as RowSampler::Next() does.
 using RowStream = std::function<std::optional<TrajectoryRow>()>;
 
 // Length of the path between first and last measurement.

@@ -11,10 +11,6 @@
 
 namespace unlidar {
 
-// Time-varying, anisotropic agility: targets are calm for most of a flight and agile for some
-// seconds, and accelerate more along their direction than across it. A single sigma_a would be too
-// wide for calm flight and far too narrow for manoeuvres.
-//
 // Levels of sigma_a over that of the whole flight: an eighth to four, in half octaves.
 inline constexpr int kAgilityLevels = 11;
 
@@ -25,7 +21,10 @@ struct DrivingNoise {
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // of flight; shorter if slow
 };
 
-// Buffers of the fit of agilities, one entry per interval, kept for reuse.
+// Buffers of the fit of a time-varying, anisotropic agility: targets are calm for most of a flight
+// and agile for some seconds, and accelerate more along their direction than across it. A single
+// sigma_a would be too wide for calm flight and far too narrow for manoeuvres. One entry per
+// interval, kept for reuse.
 struct AgilityMemory {
   using Levels = Eigen::Array<double, kAgilityLevels, 1>;
   std::vector<DrivingNoise> driving_noises;

@@ -8,7 +8,6 @@
 #include <functional>
 #include <vector>
 
-#include "base/maths.hpp"
 #include "collection/body.hpp"
 #include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"
@@ -194,28 +193,6 @@ bool IsCloud(const Scatterer& scatterer, bool is_timed, const RobustConfig& conf
               clusters);
   }
   return shape.IsCloud({});
-}
-
-// Scatters of streams are rounded, and have no inverse where one beam alone hits a cloud.
-TEST(Shape, RoundedScattersInAPlaneDoNotOutweighTheOthers) {
-  testing::Random random(3);
-  Shape shape{RobustConfig()};
-  for (int i = 0; i < 300; ++i) {
-    TrajectoryRow at;
-    at.time_ns = static_cast<TimeNs>(i) * 100'000'000;
-    at.position_m = {12.0, 9.0, 4.0 + 0.01 * i};
-    const Eigen::Vector3d up = at.position_m.cross(Eigen::Vector3d(-9.0, 12.0, 0.0)).normalized();
-    Eigen::Matrix<double, 3, 12> returns_m;
-    for (auto one_m : returns_m.colwise()) {
-      one_m = random.NormalVector(0.25);
-      if (i % 4 == 0) one_m -= one_m.dot(up) * up;
-    }
-    returns_m.colwise() -= returns_m.rowwise().mean().eval();
-    ReturnCluster plot{at.time_ns, at.position_m, true, 12.0};
-    plot.scatter_m2 = SymmetricMatrix(returns_m * returns_m.transpose()).Full();
-    shape.Add(at, Eigen::Vector3d::Zero(), Eigen::Matrix3d::Zero(), {plot});
-    if (i > 20) EXPECT_TRUE(shape.IsCloud({})) << i;
-  }
 }
 
 TEST(Shape, WhatScattersAsAVolumeIsACloud) {

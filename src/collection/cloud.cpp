@@ -144,15 +144,15 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   }
   const double weight = kMaxReturnsOfFrame / std::max(kMaxReturnsOfFrame, own.count + near.count);
   if (own.count > 0.0) {
-    own_.push_back({at.time_ns, Tally(), weight * std::max(own.count - 3.0, 0.0)});
-    own_.back().tally.Add(own, weight);
     own_scatter_m2 -= own_sum_m * own_sum_m.transpose() / own.count;
     const double across_m2 = own_scatter_m2.trace() - along.dot(own_scatter_m2 * along);
     within_.Add({own.count - 1.0, std::max(0.5 * across_m2, 0.0)});
     const Eigen::Matrix3d axes = RayAxes(ray_m);
-    volume_.Add(axes.transpose() * own_scatter_m2 * axes,
-                beam_m2 + (axes.transpose() * streak_m2 * axes).diagonal().array(), own.count,
-                weight);
+    const double freedom = volume_.Add(
+        axes.transpose() * own_scatter_m2 * axes,
+        beam_m2 + (axes.transpose() * streak_m2 * axes).diagonal().array(), own.count, weight);
+    own_.push_back({at.time_ns, Tally(), freedom});
+    own_.back().tally.Add(own, weight);
   }
   near_.Add(near, weight);
   strays_ += weight * strays;
@@ -160,11 +160,11 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   path_.push_back({at.position_m, at.velocity_mps});
 }
 
-void Shape::Volume::Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& noise_m2,
-                        double count, double weight) {
+double Shape::Volume::Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& noise_m2,
+                          double count, double weight) {
   constexpr double kLeastM2 = 1e-9;  // returns of one beam lie in a plane
   const double freedom = count - 3.0;
-  if (freedom <= 0.0) return;
+  if (freedom <= 0.0) return 0.0;
   const Eigen::Matrix3d precision = (frame_m2 + kLeastM2 * Eigen::Matrix3d::Identity()).inverse();
   // Scatters of streams are rounded to floats; what is left along an axis is some share of it.
   const Eigen::Array3d left_m2 = precision.diagonal().array().inverse();
@@ -173,6 +173,7 @@ void Shape::Volume::Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& n
   squared_freedom += weight * weight * freedom;
   scatter_m2 += weight * frame_m2.trace();
   scatter_freedom += weight * 3.0 * (count - 1.0);
+  return weight * freedom;
 }
 
 double Shape::SpreadM() const {

@@ -80,7 +80,7 @@ class Shape {
   struct OwnFrame {
     TimeNs time_ns;
     Tally tally;
-    double freedom;  // of what it adds to Volume
+    double freedom;  // that it adds to Volume
   };
 
   // Spread of the own returns of each frame about their mean, summed over the frames.
@@ -92,9 +92,10 @@ class Shape {
     double scatter_m2 = 0.0;       // all axes together
     double scatter_freedom = 0.0;
 
-    // `frame_m2`: scatter of the `count` returns of a frame, in ray axes.
-    void Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& noise_m2, double count,
-             double weight);
+    // `frame_m2`: scatter of the `count` returns of a frame, in ray axes. Returns what it adds to
+    // residual_freedom.
+    double Add(const Eigen::Matrix3d& frame_m2, const Eigen::Array3d& noise_m2, double count,
+               double weight);
   };
 
   // Own returns in each third of the time in which there were any.

@@ -130,10 +130,8 @@ void TrackFollower::AddToBody(const LivePlot& seen, const Eigen::Vector3d& veloc
   const double streak_m2 = across.dot(StreakM2(seen.plot.streak_s, velocity_mps) * across);
   const double prior_m2 = Square(config_->collect.extent_sigma_m);
   const double weight = BodyWeight(prior_m2, streak_m2);
-  const double moved_m2 = speed_mps * (2.0 * across.dot(seen.time_covariance_ms.cast<double>()) -
-                                       speed_mps * static_cast<double>(seen.time_scatter_s2)) +
-                          freedom * streak_m2;
-  body_scatter_m2_ += weight * (across.dot(seen.scatter_m2.Full() * across) - moved_m2);
+  const double spread_m2 = across.dot(seen.ScatterM2(velocity_mps) * across);
+  body_scatter_m2_ += weight * (spread_m2 - freedom * streak_m2);
   body_count_ += weight * freedom;
   body_sigma_m_ = std::sqrt(std::max(body_scatter_m2_, 0.0) / body_count_);
   const double passed_m2 = Square(speed_mps) * static_cast<double>(seen.time_scatter_s2) / freedom;

@@ -43,6 +43,8 @@ auto FirstFrom(Values& values, Member Value::*member, const Member& least) {
 // LiDARs emit 5 to 20 frames per second. Those that lie farther apart may be every n-th of what was
 // measured, and last less than until the next.
 inline constexpr double kLongestFrameS = 0.2;
+// That of most LiDARs, 10 frames per second.
+inline constexpr double kCommonFrameS = 0.1;
 
 // Pose of the carrier of a sensor at the middle of a frame. At rest: the identity.
 struct CarrierPose {
@@ -59,6 +61,7 @@ struct FrameInfo {
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
   bool is_timed = false;  // with the times of its points, given or told by their order
+  float time_sigma_s = 0.0F;  // of an error of these times that the frames of a sensor share
   CarrierPose carrier;
 
   TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }

@@ -295,9 +295,11 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       const Eigen::Vector3d& velocity_mps = gated.expected.velocity_mps;
       const Eigen::Vector3d viewpoint_m = ViewpointM(station, frame);
       spread.Add(recording, frame, viewpoint_m, members, gated.expected);
-      if (!frame.is_timed) {
-        timings[frame.sensor].Add(StreakOf(recording, frame, viewpoint_m, members, velocity_mps),
-                                  body);
+      FrameTiming& timing = timings[frame.sensor];
+      if (frame.is_timed) {
+        timing.AddTimed(frame.time_sigma_s);
+      } else {
+        timing.Add(StreakOf(recording, frame, viewpoint_m, members, velocity_mps), body);
       }
       sensor_measurements.push_back(
           {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,

@@ -7,8 +7,6 @@
 namespace unlidar {
 namespace {
 
-// Most LiDARs emit 10 frames per second.
-constexpr double kRevolutionS = 0.1;
 // Spread of the returns of a body at rest along one axis, body and noise together.
 constexpr double kMinWidthM = 0.02;
 constexpr double kMaxWidthM = 0.5;
@@ -25,7 +23,7 @@ void FrameTiming::Add(const Streak& streak, const BodySigmas& body) {
   };
   if (streak.length_s > kLongestFrameS) {
     // The stamp lies at the same fraction of the frame for either duration.
-    time_bias_s_ = streak.stamp_s * (1.0 - kRevolutionS / streak.length_s);
+    time_bias_s_ = streak.stamp_s * (1.0 - kCommonFrameS / streak.length_s);
     const double beam_m = kBeamSigmaRad * streak.ray_m.norm();
     const double body_m2 =
         along.dot(BodyCovarianceM2(body, streak.ray_m) * along) + beam_m * beam_m;
@@ -33,7 +31,7 @@ void FrameTiming::Add(const Streak& streak, const BodySigmas& body) {
       return body_m2 + square_mps2 * streak_s * streak_s / 12.0;
     };
     log_short_ +=
-        log_likelihood(variance_m2(kRevolutionS)) - log_likelihood(variance_m2(streak.length_s));
+        log_likelihood(variance_m2(kCommonFrameS)) - log_likelihood(variance_m2(streak.length_s));
     return;
   }
   length_s_ = streak.length_s;
@@ -48,7 +46,9 @@ void FrameTiming::Add(const Streak& streak, const BodySigmas& body) {
 
 double FrameTiming::VarianceS2() const {
   const double log_ratio = LogSum(log_streak_) - LogSum(log_instant_);
-  return Square(length_s_) / 12.0 / (1.0 + std::exp(log_ratio));
+  const double is_short = ShortProbability();
+  return Square(length_s_) / 12.0 / (1.0 + std::exp(log_ratio)) +
+         is_short * (1.0 - is_short) * Square(time_bias_s_) + Square(timed_sigma_s_);
 }
 
 Streak StreakOf(const Recording& recording, const FrameInfo& frame,

@@ -42,17 +42,22 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
 class FrameTiming {
  public:
   void Add(const Streak& streak, const BodySigmas& body);
+  // A frame with times of its points, FrameInfo::time_sigma_s.
+  void AddTimed(double sigma_s) { timed_sigma_s_ = sigma_s; }
 
   // Expected time of the returns after the middle of the frame, given the streaks so far. Zero at
   // the frame rate of a LiDAR: intervals of up to kLongestFrameS are a normal frame.
-  double TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }
+  double TimeBiasS() const { return time_bias_s_ * ShortProbability(); }
 
-  // Variance of the common error; zero for longer intervals.
+  // Variance of the common error and, over longer intervals, of the bias.
   double VarianceS2() const;
 
  private:
+  double ShortProbability() const { return 1.0 / (1.0 + std::exp(-log_short_)); }
+
   static constexpr std::size_t kNumWidths = 12;
 
+  double timed_sigma_s_ = 0.0;
   double log_short_ = 0.0;    // log likelihood ratio: frame lasts one revolution
   double time_bias_s_ = 0.0;  // in that case
   double length_s_ = 0.0;     // of the last normal frame

@@ -8,6 +8,7 @@
 
 #include "base/algorithms.hpp"
 #include "base/format.hpp"
+#include "base/maths.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -42,6 +43,23 @@ void MakeRoomFor(std::size_t size, std::vector<T>* values) {
 
 bool HasTimes(const PcdCloud& cloud) {
   return !cloud.integer_times.empty() || !cloud.floating_times.empty();
+}
+
+// The same frame if its LiDAR turns. Where frames are far apart, one turn may last until the next
+// frame or, of every n-th frame kept, as long as that of most LiDARs. A target is hit once in a
+// turn, so that no streak tells: the turn is timed halfway, and the doubt grows from the stamp on.
+FrameInfo TurnOf(FrameInfo frame) {
+  const double length_s = SecondsOf(frame.end_ns - frame.begin_ns);
+  if (length_s <= kLongestFrameS) return frame;
+  const double doubt_s = 0.5 * (length_s - kCommonFrameS);
+  const double kept = 1.0 - doubt_s / length_s;
+  const double stamp_s = SecondsOf(frame.stamp_ns - frame.begin_ns);
+  frame.begin_ns = frame.stamp_ns - NsOf(kept * stamp_s);
+  frame.end_ns = frame.begin_ns + NsOf(kept * length_s);
+  // Mean square of an instant from the stamp, in lengths, as a target may be hit at any.
+  const double square = 1.0 / 12.0 + Square(0.5 - stamp_s / length_s);
+  frame.time_sigma_s = static_cast<float>(doubt_s * std::sqrt(square));
+  return frame;
 }
 
 std::string Text(const RawTime& raw) {
@@ -190,10 +208,13 @@ void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
   info.end_ns = info.begin_ns + length_ns;
   MakeRoomFor(frame.points_m.size(), &frame.times_ns);
   if (!HasTimes(frame.cloud)) {
-    const bool is_short = SecondsOf(length_ns) <= kLongestFrameS;
-    info.is_timed = is_short && SetTimesOfTurn(frame.points_m, sensor_, info.begin_ns, info.end_ns,
-                                               &frame.times_ns);
-    if (!info.is_timed) frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
+    const FrameInfo turn = TurnOf(info);
+    if (SetTimesOfTurn(frame.points_m, sensor_, turn.begin_ns, turn.end_ns, &frame.times_ns)) {
+      info = turn;
+      info.is_timed = true;
+    } else {
+      frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
+    }
     return;
   }
   info.is_timed = true;

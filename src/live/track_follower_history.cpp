@@ -51,7 +51,10 @@ void TrackFollower::AddToTimings(const Node& node, std::vector<SensorTiming>* ti
   if (plot.sensor >= timings->size()) timings->resize(plot.sensor + 1);
   SensorTiming& known = (*timings)[plot.sensor];
   known.num_returns += static_cast<int>(plot.num_returns);
-  if (plot.streak_s == 0.0) return;
+  if (plot.streak_s == 0.0) {
+    known.frames.AddTimed(plot.time_sigma_s);
+    return;
+  }
   Streak streak;
   streak.length_s = plot.streak_s;
   streak.stamp_s = SecondsOf(PlotOf(node).stamp_ns - plot.frame_time_ns);

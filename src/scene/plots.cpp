@@ -218,6 +218,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.sensor = frame.sensor;
     plot.frame_time_ns = frame.middle_ns();
     plot.streak_s = frame.is_timed ? 0.0 : SecondsOf(frame.end_ns - frame.begin_ns);
+    plot.time_sigma_s = frame.time_sigma_s;
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
     const double beam_m = config.plots.noise_per_range * plot.position_m.norm();
     plot.variance_m2 =

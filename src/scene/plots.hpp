@@ -47,9 +47,10 @@ constexpr RangeRadius kColumnRadius{0.6, 0.005};
 constexpr double kBodyMarginS = 0.35;
 
 struct Plot {
-  TimeNs time_ns = 0;        // mean of its returns
-  TimeNs frame_time_ns = 0;  // middle of its frame
-  double streak_s = 0.0;     // duration of its frame if returns have no times, otherwise 0
+  TimeNs time_ns = 0;         // mean of its returns
+  TimeNs frame_time_ns = 0;   // middle of its frame
+  double streak_s = 0.0;      // duration of its frame if returns have no times, otherwise 0
+  float time_sigma_s = 0.0F;  // see FrameInfo
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();          // from the viewpoint of its frame
   Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();        // of its sensor, see CarrierPose

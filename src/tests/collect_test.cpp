@@ -587,6 +587,9 @@ TEST(CollectTarget, WhetherADroneIsHitAtOneInstantOfEachFrameTellsTheErrorOfItsT
   EXPECT_NEAR(sigma_s(FastFrames(true, false)), 0.1 / std::sqrt(12.0), 0.001);
   EXPECT_NEAR(sigma_s(FastFrames(false, false)), 0.0, 0.001);
   EXPECT_EQ(sigma_s(FastFrames(true, true)), 0.0);
+  RecordingMaker doubtful = FastFrames(true, true);
+  for (FrameInfo& frame : doubtful.recording.frames) frame.time_sigma_s = 0.25F;
+  EXPECT_EQ(sigma_s(doubtful), 0.25);
 }
 
 // Its stamps stand at the end of what was measured, wherever that began.

@@ -22,6 +22,7 @@ FrameTiming TimingOf(bool is_instant, int returns, double body_m, double length_
   for (int i = 0; i < kFrames; ++i) {
     Streak streak;
     streak.length_s = length_s;
+    streak.stamp_s = -0.5 * length_s;
     streak.num_returns = returns;
     streak.velocity_mps = {0.0, 1.0 + 9.0 * i / kFrames, 0.0};
     Eigen::Matrix3Xd places_m(3, returns);
@@ -49,9 +50,19 @@ TEST(FrameTiming, TheCommonErrorIsAsLikelyAsNotWhereNothingTells) {
   EXPECT_NEAR(TimingOf(true, 1, 0.1).VarianceS2(), 0.5 * kFrameSigmaS * kFrameSigmaS, 1e-9);
 }
 
-TEST(FrameTiming, TheCommonErrorIsNotKnownOfFramesWhoseLengthIsNot) {
-  EXPECT_EQ(TimingOf(true, 6, 0.1, 0.5).VarianceS2(), 0.0);
-  EXPECT_EQ(FrameTiming().VarianceS2(), 0.0);  // with point times
+TEST(FrameTiming, WhereFramesAreFarApartItIsTheDoubtOfTheirLength) {
+  // Single returns draw no streak: as long as the interval, or as that of most LiDARs, by half.
+  EXPECT_NEAR(std::sqrt(TimingOf(true, 1, 0.1, 0.5).VarianceS2()),
+              std::abs(TimingOf(true, 1, 0.1, 0.5).TimeBiasS()), 1e-9);
+  EXPECT_NEAR(TimingOf(true, 6, 0.1, 0.5).VarianceS2(), 0.0, 1e-9);  // told by the streaks
+  EXPECT_EQ(FrameTiming().VarianceS2(), 0.0);
+}
+
+TEST(FrameTiming, WhereReturnsHaveTimesItIsTheirs) {
+  FrameTiming timing;
+  timing.AddTimed(0.07);
+  EXPECT_NEAR(std::sqrt(timing.VarianceS2()), 0.07, 1e-12);
+  EXPECT_EQ(timing.TimeBiasS(), 0.0);
 }
 
 }  // namespace

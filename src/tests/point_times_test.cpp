@@ -4,8 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/maths.hpp"
 #include "io/frames.hpp"
 #include "tests/frame_folder.hpp"
 #include "tests/pcd_writer.hpp"
@@ -159,15 +161,42 @@ TEST(PointTimes, OfALidarThatTurnsFollowFromTheOrderOfItsReturns) {
   }
 }
 
-// Every third frame of a LiDAR that turns ten times a second holds a turn as well.
-TEST(PointTimes, DoNotFollowFromTheOrderWhereFramesMayBeMissing) {
+// Every third frame of a LiDAR that turns ten times a second holds a turn, as does each of one that
+// takes 0.3 s for it.
+TEST(PointTimes, OfATurnThatMayLastUntilTheNextFrameOrLessAreHalfway) {
   const TemporaryFolder folder;
   for (const char* const stamp : {"1.0", "1.3", "1.6"}) {
     folder.Write(std::string(stamp) + ".pcd", TurnPcd());
   }
+  const std::pair<StampMeaning, double> at_shares[] = {
+      {StampMeaning::kStart, 0.0}, {StampMeaning::kMiddle, 0.5}, {StampMeaning::kEnd, 1.0}};
+  for (const auto& [stamp, at_share] : at_shares) {
+    InputConfig config;
+    config.stamp = stamp;
+    const Recording recording = Read(folder, config);
+    for (const FrameInfo& frame : recording.frames) {
+      EXPECT_TRUE(frame.is_timed);
+      double square_s2 = 0.0;
+      for (std::uint32_t i = 0; i < 1000; ++i) {
+        const double turned = i / 999.0 - at_share;
+        const TimeNs time_ns = recording.times_ns[frame.first_return + i] - frame.stamp_ns;
+        EXPECT_NEAR(SecondsOf(time_ns), 0.5 * (0.1 + 0.3) * turned, 1e-5);
+        square_s2 += Square(SecondsOf(time_ns) - 0.3 * turned) / 1000.0;
+      }
+      EXPECT_NEAR(frame.time_sigma_s, std::sqrt(square_s2), 1e-4);
+    }
+  }
+}
+
+TEST(PointTimes, AreThoseOfTheMiddleWhereNoOrderTells) {
+  const TemporaryFolder folder;
+  for (const char* const stamp : {"1.0", "1.3", "1.6"}) {
+    folder.Write(std::string(stamp) + ".pcd", BinaryPcd({{5, 0, 0}, {6, 0, 0}}));
+  }
   const Recording recording = Read(folder);
   for (const FrameInfo& frame : recording.frames) {
     EXPECT_FALSE(frame.is_timed);
+    EXPECT_EQ(frame.time_sigma_s, 0.0F);
     EXPECT_EQ(recording.times_ns[frame.first_return], frame.middle_ns());
   }
 }

@@ -37,7 +37,7 @@ double LiveScene::SecondsOfBin(std::int64_t bin) const {
   return (static_cast<double>(bin + bin_shift_) + 0.5) * kBinS;
 }
 
-// A pause between frames takes only as many bins as end every dwell.
+// A pause between frames takes only as many bins as end no dwell.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
   const std::int64_t slot = (time_ns - begin_ns_) / kBinNs;
   if (slot > newest_slot_) {

@@ -18,8 +18,9 @@ namespace unlidar {
 // Length of a time bin.
 constexpr TimeNs kBinNs = 500'000'000;
 constexpr double kBinS = static_cast<double>(kBinNs) * kSecondsPerNs;
-// Longer pauses between frames are shortened to this many bins, which end every dwell.
-constexpr std::int64_t kMaxPauseBins = 5;
+// Longer pauses between frames are shortened to this many bins, which end no dwell: what was there
+// before and is there after has stayed.
+constexpr std::int64_t kMaxPauseBins = 3;
 
 // Bins of the frames of a recording, numbered in order of time.
 class TimeBins {

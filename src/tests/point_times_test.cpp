@@ -169,7 +169,7 @@ TEST(PointTimes, OfATurnThatMayLastUntilTheNextFrameOrLessAreHalfway) {
     folder.Write(std::string(stamp) + ".pcd", TurnPcd());
   }
   const std::pair<StampMeaning, double> at_shares[] = {
-      {StampMeaning::kStart, 0.0}, {StampMeaning::kMiddle, 0.5}, {StampMeaning::kEnd, 1.0}};
+      {StampMeaning::kBegin, 0.0}, {StampMeaning::kMiddle, 0.5}, {StampMeaning::kEnd, 1.0}};
   for (const auto& [stamp, at_share] : at_shares) {
     InputConfig config;
     config.stamp = stamp;

@@ -267,11 +267,7 @@ std::string StateJson(const LiveStatus& status) {
   for (const CurrentTrack& track : status.tracks) {
     const TrajectoryRow& row = track.now.row;
     Json json = {{"track", track.id}, {"timestamp", SecondsOf(row.time_ns)}};
-    for (const auto& [prefix, vector] :
-         {std::pair{"", &row.position_m}, {"v", &row.velocity_mps}, {"sigma_", &row.sigma_m}}) {
-      for (int axis = 0; axis < 3; ++axis)
-        json[prefix + std::string(1, "xyz"[axis])] = (*vector)[axis];
-    }
+    VisitState(row, [&](const std::string& name, double value) { json[name] = value; });
     json["unseen_s"] = track.now.unseen_s;
     json.update(KindJson(track.now.kind));
     tracks.push_back(json);

@@ -93,9 +93,7 @@ std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const Pipeli
                         WriteTrajectoryTum(RowsOf(result, track), sink);
                       }};
   };
-  const auto best = std::max_element(
-      tracks.begin(), tracks.end(),
-      [](const FittedTrack& a, const FittedTrack& b) { return a.score < b.score; });
+  const auto best = std::max_element(tracks.begin(), tracks.end(), By(&FittedTrack::score));
   if (best == tracks.end()) {
     return {{arguments.out, [](const Sink& sink) { WriteTrajectoryTum({}, sink); }}};
   }

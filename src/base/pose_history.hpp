@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar {
 
@@ -33,9 +33,7 @@ class PoseHistory {
   std::optional<Eigen::Isometry3d> At(TimeNs time_ns) {
     const std::vector<Pose>& poses = *poses_;
     if (time_ns < begin_ns_ || time_ns > end_ns_) {
-      const auto later =
-          std::upper_bound(poses.begin(), poses.end(), time_ns,
-                           [](TimeNs time, const Pose& pose) { return time < pose.time_ns; });
+      const auto later = FirstFrom(poses, &Pose::time_ns, time_ns + 1);
       if (later == poses.begin() || time_ns > poses.back().time_ns) return std::nullopt;
       const auto at = std::min(later, poses.end() - 1);
       const Pose& from = *(at - 1);

@@ -1,11 +1,11 @@
 // The frame times of a stream.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
 #include "base/queue.hpp"
+#include "base/recording.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
@@ -23,9 +23,7 @@ class RecentFrameTimes {
 
   // Returns the time of a frame that was added and is not forgotten.
   FrameTime At(std::uint32_t frame) const {
-    const auto its =
-        std::lower_bound(frames_.begin(), frames_.end(), frame,
-                         [](const Frame& a, std::uint32_t number) { return a.number < number; });
+    const auto its = FirstFrom(frames_, &Frame::number, frame);
     const auto first =
         counts_.begin() + static_cast<std::ptrdiff_t>(its->first_count - num_forgotten_);
     return {its->time_s,

@@ -104,8 +104,7 @@ class Columns {
   void VisitAbove(const Eigen::Vector3f& return_m, const Visit& visit) const {
     if (!box_.contains(return_m)) return;
     const Eigen::Vector3d point_m = return_m.cast<double>();
-    auto at = std::lower_bound(columns_.begin(), columns_.end(), point_m.x() - widest_m_,
-                               [](const Column& column, double x) { return column.x_m < x; });
+    auto at = FirstFrom(columns_, &Column::x_m, point_m.x() - widest_m_);
     for (; at != columns_.end() && at->x_m < point_m.x() + widest_m_; ++at) {
       const Eigen::Vector3d below_m = at->plot->position_m - point_m;
       if (below_m.z() > kBelowPlotM && below_m.z() < at->plot->column_m &&

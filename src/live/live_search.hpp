@@ -150,7 +150,6 @@ class LiveSearch {
   Path pruned_;
   Members flight_members_;  // recent plots of flight_
   Flight flight_;
-  std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;
   bool is_of_likelier_ = false;  // the verdict of the path last judged
   double odds_ = 0.0;            // sum of birth odds over all plots, faded,

@@ -220,7 +220,7 @@ void LivoxLidars::MakeRoom(Clock::time_point now) {
   lidars_.erase(last);
 }
 
-std::optional<std::size_t> LivoxLidars::FreeSlot() {
+std::optional<std::uint32_t> LivoxLidars::FreeSlot() {
   if (free_slots_.empty()) return std::nullopt;
   return free_slots_.extract(free_slots_.begin()).value();
 }

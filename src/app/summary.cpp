@@ -115,12 +115,12 @@ Json FlightJson(const FlightStatistics& flight) {
 }
 
 Json TrackJson(const FittedTrack& track) {
-  const double duration_s = SecondsOf(track.end_ns - track.begin_ns);
+  const double duration_s = SecondsOf(track.end_ns() - track.begin_ns());
   // Stamps as text: a JSON number is a double to most readers and would lose nanoseconds.
   return {
-      {"track_id", track.id},
-      {"begin", SecondsText(track.begin_ns)},
-      {"end", SecondsText(track.end_ns)},
+      {"track_id", track.id()},
+      {"begin", SecondsText(track.begin_ns())},
+      {"end", SecondsText(track.end_ns())},
       {"duration_s", duration_s},
       {"rows", track.num_rows},
       {"returns", track.returns.size()},

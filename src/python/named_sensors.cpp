@@ -170,18 +170,14 @@ Config ConfigOf(const std::string& path, const std::vector<std::string>& assignm
   return config;
 }
 
-OutputTimes OutputTimesOf(std::int64_t nanohertz) {
-  if (nanohertz == 0) return FirstSensorStamps{};
-  return Rate{nanohertz};
-}
-
 }  // namespace
 
 NamedSensors::NamedSensors(const std::string& config_path,
                            const std::vector<std::string>& assignments, std::int64_t nanohertz,
                            const py::dict& poses, bool is_recording, EngineCallback on_event)
     : config_(ConfigOf(config_path, assignments, poses, is_recording)),
-      engine_(config_, {}, std::move(on_event), OutputTimesOf(nanohertz)) {}
+      engine_(config_, {}, std::move(on_event),
+              nanohertz == 0 ? OutputTimes() : OutputTimes(Rate{nanohertz})) {}
 
 std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
   const auto known = std::find(names_.begin(), names_.end(), sensor);

@@ -1,7 +1,8 @@
 #include "scene/clutter.hpp"
 
 #include <cmath>
-#include <numeric>
+
+#include "base/algorithms.hpp"
 
 namespace unlidar {
 namespace {
@@ -103,8 +104,7 @@ class ClutterEstimate {
   // are complete: a map finds its latest bins first.
   template <class Add, class CountAt>
   void Walk(const Add& add, const CountAt& count) const {
-    std::vector<std::uint32_t> by_bin(plots_.size());
-    std::iota(by_bin.begin(), by_bin.end(), 0U);
+    std::vector<std::uint32_t> by_bin = NumbersBelow(plots_.size());
     std::stable_sort(by_bin.begin(), by_bin.end(),
                      [&](std::uint32_t a, std::uint32_t b) { return bins_[a] < bins_[b]; });
     auto next = by_bin.begin();

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "app/arguments.hpp"
@@ -19,7 +20,6 @@
 #include "io/followed_folders.hpp"
 #include "io/input_limits.hpp"
 #include "io/livox_frames.hpp"
-#include "io/pcd.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/engine.hpp"
 #include "unlidar/error.hpp"

@@ -196,10 +196,6 @@ void LiveOutput::Close() {
   if (events_) events_->Close();
 }
 
-std::vector<int> LiveOutput::reader_fds() const {
-  return {trajectory_.reader_fd(), events_ ? events_->reader_fd() : -1};
-}
-
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
   std::vector<std::string_view> values = Split(line, ',');
   const bool is_whole = values.size() == kRowValues;

@@ -213,10 +213,6 @@ LiveTraceSink LiveTraceOutput::Sink() {
   };
 }
 
-void LiveTraceOutput::Reopen() {
-  if (file_.Reopen()) AddHeader();
-}
-
 // Sensors of a stream appear with their frames.
 void LiveTraceOutput::AddHeader() {
   file_.Append(HeaderLine({}));

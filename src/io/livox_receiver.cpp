@@ -101,10 +101,6 @@ LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
   thread_ = std::thread([this] { Receive(); });
 }
 
-std::string LivoxReceiver::name() const {
-  return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
-}
-
 std::optional<Datagram> LivoxReceiver::Next() {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (datagrams_.empty()) return std::nullopt;

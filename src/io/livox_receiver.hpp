@@ -68,7 +68,9 @@ class LivoxReceiver {
   const LivoxEndpoint& endpoint() const { return endpoint_; }
 
   // The same as ADDRESS:PORT.
-  std::string name() const;
+  std::string name() const {
+    return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
+  }
 
  private:
   void Receive();

@@ -95,10 +95,6 @@ double RangeStatistics::Quantile(double share) const {
   return BeginOf(kSteps - 1);
 }
 
-double RangeStatistics::mean_m() const {
-  return returns_ == 0 ? 0.0 : sum_m_.norm() / static_cast<double>(returns_);
-}
-
 double RangeStatistics::spread_m() const {
   if (returns_ == 0) return 0.0;
   const double mean_square_m2 = sum_of_squares_m2_ / static_cast<double>(returns_);

@@ -137,10 +137,6 @@ Members LiveSearch::LeftAtPauses() const {
   return path.plots;
 }
 
-PathGates LiveSearch::Gates() const {
-  return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_, config_.robust};
-}
-
 Flight LiveSearch::FlightOf(const Members& members) const {
   Flight flight;
   for (const std::uint32_t i : members) {

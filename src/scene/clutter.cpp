@@ -172,10 +172,6 @@ ClutterMap::Levels ClutterMap::LevelsAt(const Eigen::Vector3f& place_m,
   return levels;
 }
 
-ClutterMap::Level ClutterMap::WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const {
-  return {levels_[0].Count(place_m, bins), levels_[0].VolumeM3(place_m)};
-}
-
 void ClutterMap::Forget(std::uint32_t before_bin) {
   for (RangeGrid& level : levels_) level.Forget(before_bin);
 }
@@ -207,10 +203,6 @@ ClutterModel::FrameCount ClutterModel::CountIn(std::uint32_t sensor, BinRange bi
   return sum;
 }
 
-std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const {
-  return CountIn(sensor, bins).num_frames;
-}
-
 void ClutterModel::Add(const Plot& plot, std::uint32_t bin, std::int32_t count) {
   Sensor& sensor = sensors_[plot.sensor];
   sensor.around.Add(PlaceM(plot), bin, count);
@@ -239,10 +231,6 @@ double ClutterModel::PresentRate(const Plot& plot, std::uint32_t bin) const {
   const double num_others =
       static_cast<double>(about.count) / NumFrames(plot.sensor, present) - 1.0;
   return std::max(0.0, num_others) / about.volume_m3;
-}
-
-void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
-  if (bin >= sensors_[plot.sensor].first_bin) Add(plot, bin, -1);
 }
 
 void ClutterModel::Forget(std::uint32_t before_bin) {

@@ -128,7 +128,10 @@ class Columns {
 };
 
 // True if the plot contains any of the marked `returns` (N, nonzero if marked).
-bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
+inline bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
+  return std::any_of(plot.returns.begin(), plot.returns.end(),
+                     [&](std::uint32_t i) { return returns[i] != 0; });
+}
 
 // Bounding box of a body, and the time of its first return.
 struct BodyBox {
@@ -142,7 +145,9 @@ struct BodyBox {
 };
 
 // Inserts a body behind those that are not later.
-void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies);
+inline void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies) {
+  bodies->Insert(FirstFrom(*bodies, &BodyBox::time_ns, body.time_ns + 1), body);
+}
 
 struct FramePlots {
   std::vector<Plot> plots;                  // without the lists of their returns

@@ -6,7 +6,6 @@
 #include <variant>
 
 #include "api/recording_events.hpp"
-#include "base/format.hpp"
 #include "io/frames.hpp"
 
 namespace unlidar {
@@ -23,11 +22,6 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 }
 
 }  // namespace
-
-void LiveEventReporter::NoteCount(std::uint64_t before, std::uint64_t count,
-                                  const std::string& noun, const std::string& text) const {
-  if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
-}
 
 void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) {
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {

@@ -16,6 +16,7 @@
 #include "app/returns_view.hpp"
 #include "app/service.hpp"
 #include "app/summary.hpp"
+#include "base/format.hpp"
 #include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/input_limits.hpp"
@@ -43,7 +44,9 @@ class LiveEventReporter {
 
   // Notes `text` with the count of incidents, if that is worth a note.
   void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
-                 const std::string& text) const;
+                 const std::string& text) const {
+    if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
+  }
 
   // Counts one more incident in `count` and notes it, if that is worth a note.
   void NoteIncident(const std::string& text, std::uint64_t* count) const {

@@ -37,7 +37,7 @@ std::vector<Warning> EmitTracksOf(const Recording& recording, const OutputTimes&
   const PipelineResult result = TracksOf(recording, output_times, config);
   std::vector<TrajectoryRow> rows;
   for (const FittedTrack& track : result.tracks) {
-    on_event(TrackConfirmed{track.id, track.begin_ns, track.flight.kind});
+    on_event(TrackConfirmed{track.id(), track.begin_ns(), track.flight.kind});
     const RowStream next = RowsOf(result, track);
     while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
   }
@@ -49,8 +49,8 @@ std::vector<Warning> EmitTracksOf(const Recording& recording, const OutputTimes&
   };
   for (const TrajectoryRow& row : rows) on_event(RowGiven{row, false, kind_of(row)});
   for (const FittedTrack& track : result.tracks) {
-    on_event(
-        TrackEnded{track.id, track.end_ns, track.flight.kind, track.row_source.trajectory.minimum});
+    on_event(TrackEnded{track.id(), track.end_ns(), track.flight.kind,
+                        track.row_source.trajectory.minimum});
   }
   return result.warnings;
 }

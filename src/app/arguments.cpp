@@ -238,39 +238,30 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
   }
 }
 
-struct NamedPath {
-  std::string name;  // empty: none
-  std::string path;
-};
-
-// Splits [NAME=]PATH. `expected`: a file or a directory, for messages.
-NamedPath ParseNamedPath(const std::string& option, const std::string& text, const char* expected) {
+// Splits [NAME=]PATH; no name is empty. `expected`: a file or a directory, for messages.
+std::pair<std::string, std::string> SplitNamedPath(const std::string& option,
+                                                   const std::string& text, const char* expected) {
   const std::size_t equals = text.find('=');
-  NamedPath named;
-  if (equals != std::string::npos && text.find('/') > equals) {
-    named.name = text.substr(0, equals);
-    named.path = text.substr(equals + 1);
-    if (!IsSensorName(named.name)) {
-      throw UsageError(option + " " + text + ": " + Quoted(named.name) + ", " +
-                       kExpectedSensorName + " before '='");
-    }
-  } else {
-    named.path = text;
+  const bool is_named = equals != std::string::npos && text.find('/') > equals;
+  const std::string name = is_named ? text.substr(0, equals) : "";
+  const std::string path = is_named ? text.substr(equals + 1) : text;
+  const std::string problem = option + " " + text + ": ";
+  if (is_named && !IsSensorName(name)) {
+    throw UsageError(problem + Quoted(name) + ", " + kExpectedSensorName + " before '='");
   }
-  if (named.path.empty()) {
-    throw UsageError(option + " " + text + ": expected a " + expected +
-                     (named.name.empty() ? "" : " after '='"));
+  if (path.empty()) {
+    throw UsageError(problem + "expected a " + expected + (name.empty() ? "" : " after '='"));
   }
-  return named;
+  return {name, path};
 }
 
 std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
   std::vector<FrameSource> sources;
   std::set<std::string> directories;
   for (const std::string& text : texts) {
-    NamedPath named = ParseNamedPath("--frames", text, "directory");
-    sources.push_back({std::move(named.name), std::move(named.path)});
-    if (!directories.insert(ResolvedPath(sources.back().directory)).second) {
+    const auto [name, directory] = SplitNamedPath("--frames", text, "directory");
+    sources.push_back({name, directory});
+    if (!directories.insert(ResolvedPath(directory)).second) {
       throw UsageError("--frames " + text + ": given twice, expected one directory per LiDAR");
     }
   }
@@ -281,10 +272,10 @@ std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
 PoseFiles ParsePoseFiles(const std::vector<std::string>& texts) {
   PoseFiles files;
   for (const std::string& text : texts) {
-    const NamedPath named = ParseNamedPath("--poses", text, "file");
-    if (!files.emplace(named.name, named.path).second) {
+    const auto [name, path] = SplitNamedPath("--poses", text, "file");
+    if (!files.emplace(name, path).second) {
       throw UsageError("--poses " + text + ": given twice" +
-                       (named.name.empty() ? " without a name" : " for " + named.name) +
+                       (name.empty() ? " without a name" : " for " + name) +
                        ", expected one file per LiDAR");
     }
   }

@@ -6,7 +6,6 @@
 #include <variant>
 
 #include "api/recording_events.hpp"
-#include "base/format.hpp"
 #include "io/frames.hpp"
 
 namespace unlidar {
@@ -23,11 +22,6 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 }
 
 }  // namespace
-
-void LiveEventReporter::NoteCount(std::uint64_t before, std::uint64_t count,
-                                  const std::string& noun, const std::string& text) const {
-  if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
-}
 
 void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) {
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
@@ -144,39 +138,38 @@ void LiveIntake::AppendSensor(const std::string& name, const std::string& direct
   reporter_.AddSensor(input.name);
 }
 
-std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) const {
-  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+std::optional<std::uint32_t> LiveIntake::SensorNamed(const std::string& name) const {
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     if (NameOf(i) == name) return i;
   }
   return std::nullopt;
 }
 
-std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& first) {
+std::uint32_t LiveIntake::AddSensor(const std::string& name, const std::string& first) {
   if (!config_.sensors.empty() && config_.sensors.count(name) == 0) {
     reporter_.Note(first + ": the config has no sensors." + name + ", it stands at the origin");
   }
-  engine_.AddSensor(name);
+  const std::uint32_t sensor = engine_.AddSensor(name);
   AppendSensor(name, "");
-  return sensors_.size() - 1;
+  return sensor;
 }
 
-void LiveIntake::ReplaceSensor(std::size_t sensor, const std::string& name) {
+void LiveIntake::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
   reporter_.Note(name + " takes the place of " + NameOf(sensor) + ", which is silent");
-  engine_.ReplaceSensor(static_cast<std::uint32_t>(sensor), name);
+  engine_.ReplaceSensor(sensor, name);
   sensors_[sensor] = Sensor();
   summary_.inputs[sensor] = LiveInput();
   summary_.inputs[sensor].name = name;
   reporter_.ReplaceSensor(sensor, name);
 }
 
-bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
+bool LiveIntake::IsInTime(std::uint32_t sensor, TimeNs stamp_ns,
                           std::optional<Clock::duration> waited,
                           const std::optional<Arrival>& arrival) {
   const Clock::time_point now = Clock::now();
   sensors_[sensor].arrived = now;
   if (std::exchange(sensors_[sensor].is_silent_by_clock, false)) {
-    const bool is_blinded =
-        engine_.StateOf(static_cast<std::uint32_t>(sensor)) == SensorState::kBlinded;
+    const bool is_blinded = engine_.StateOf(sensor) == SensorState::kBlinded;
     reporter_.ReportSensor(sensor, is_blinded ? SensorState::kBlinded : SensorState::kOk,
                            engine_.newest_ns());
   }
@@ -184,19 +177,19 @@ bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
   reporter_.ReportPace(pace_.one_in(), summary_.overload_frames, Progress());
   if (is_kept) return true;
   ++summary_.overload_frames;
-  engine_.NoteSkipped(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
+  engine_.NoteSkipped(sensor, stamp_ns, arrival);
   return false;
 }
 
-void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud,
-                     std::optional<Arrival> arrival) {
+void LiveIntake::Add(CloudFrame frame) {
+  const std::uint32_t sensor = frame.sensor;
+  const std::string_view name = frame.name;
   const std::uint64_t late_before = engine_.late_frames();
   const std::uint64_t astray_before = engine_.astray_frames().count;
   const std::uint64_t overflow_before = engine_.overflow_frames().count;
-  const auto index = static_cast<std::uint32_t>(sensor);
   const double begin_s = ThreadCpuSeconds();
   try {
-    engine_.Add({index, stamp_ns, name, std::move(cloud), arrival});
+    engine_.Add(std::move(frame));
     ++summary_.inputs[sensor].frames;
   } catch (const UnitError&) {
     throw;  // the next would be no better
@@ -208,7 +201,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     Warn(engine_.warnings());
   }
   summary_.processing_times.Add(ThreadCpuSeconds() - begin_s);
-  if (!reporter_.StateOf(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
+  if (!reporter_.StateOf(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(sensor)) {
     reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
   CheckOutOfSync();
@@ -218,9 +211,9 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
 }
 
 void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
-                             std::uint64_t overflow_before, const std::string& name) {
+                             std::uint64_t overflow_before, std::string_view name) {
   reporter_.NoteCount(late_before, engine_.late_frames(), "frame",
-                      " later than live.reorder_s and dropped, the last: " + name);
+                      " later than live.reorder_s and dropped, the last: " + std::string(name));
   const DroppedFrames& overflow = engine_.overflow_frames();
   reporter_.NoteCount(overflow_before, overflow.count, "frame",
                       std::string(kOverflowText) + ", the last of " + NameOf(overflow.sensor));
@@ -270,10 +263,9 @@ void LiveIntake::CheckSilence() {
 void LiveIntake::CheckOutOfSync() {
   if (!engine_.has_begun()) return;
   const TimeNs now_ns = engine_.newest_ns();
-  for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    const auto index = static_cast<std::uint32_t>(i);
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     std::optional<TimeNs>& since_ns = sensors_[i].out_of_sync_since_ns;
-    if (!engine_.IsOutOfSync(index) || engine_.StateOf(index) != SensorState::kSilent) {
+    if (!engine_.IsOutOfSync(i) || engine_.StateOf(i) != SensorState::kSilent) {
       since_ns.reset();
       continue;
     }
@@ -310,11 +302,11 @@ LiveProgress LiveIntake::Progress() const {
 
 LiveSummary LiveIntake::Summary() const {
   LiveSummary summary = summary_;
-  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     LiveInput& input = summary.inputs[i];
     input.state = reporter_.StateOf(i);
-    input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
-    input.sway_deg = engine_.SwayDeg(static_cast<std::uint32_t>(i));
+    input.blinded_s = engine_.BlindedS(i);
+    input.sway_deg = engine_.SwayDeg(i);
   }
   summary.counts = engine_.counts();
   summary.counts.bad_frames += summary_.counts.bad_frames;

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "app/arguments.hpp"
@@ -15,11 +16,11 @@
 #include "app/returns_view.hpp"
 #include "app/service.hpp"
 #include "app/summary.hpp"
+#include "base/format.hpp"
 #include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/input_limits.hpp"
 #include "io/livox_frames.hpp"
-#include "io/pcd.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/engine.hpp"
 #include "unlidar/error.hpp"
@@ -43,7 +44,9 @@ class LiveEventReporter {
 
   // Notes `text` with the count of incidents, if that is worth a note.
   void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
-                 const std::string& text) const;
+                 const std::string& text) const {
+    if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
+  }
 
   // Counts one more incident in `count` and notes it, if that is worth a note.
   void NoteIncident(const std::string& text, std::uint64_t* count) const {
@@ -124,23 +127,22 @@ class LiveIntake {
   // Limits the sensors, so that garbage that looks like ever new ones does not exhaust memory.
   bool is_full() const { return sensors_.size() >= kMaxSensors; }
 
-  std::optional<std::size_t> SensorNamed(const std::string& name) const;
+  std::optional<std::uint32_t> SensorNamed(const std::string& name) const;
 
   // `first`: name of its first frame in messages. Returns its index.
-  std::size_t AddSensor(const std::string& name, const std::string& first);
+  std::uint32_t AddSensor(const std::string& name, const std::string& first);
 
   // Reuses the index of a sensor that is no longer received.
-  void ReplaceSensor(std::size_t sensor, const std::string& name);
+  void ReplaceSensor(std::uint32_t sensor, const std::string& name);
 
   // True if a frame of this stamp and waiting time is to be processed. `waited` and `arrival` are
   // empty for a frame older than the program.
-  bool IsInTime(std::size_t sensor, TimeNs stamp_ns, std::optional<Clock::duration> waited,
+  bool IsInTime(std::uint32_t sensor, TimeNs stamp_ns, std::optional<Clock::duration> waited,
                 const std::optional<Arrival>& arrival);
 
-  // Processes a frame and writes the resulting output. `name`: of the frame, for messages.
-  // `arrival`: of live sources. Throws InputError like TakeBadFrame(), OutputError.
-  void Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud,
-           std::optional<Arrival> arrival);
+  // Processes a frame and writes the resulting output. Throws InputError like TakeBadFrame(),
+  // OutputError.
+  void Add(CloudFrame frame);
 
   // Rethrows the error unless bad frames are skipped.
   void TakeBadFrame(const InputError& error);
@@ -173,7 +175,7 @@ class LiveIntake {
   FrameCallback FrameCallbackOf(int max_returns);  // empty for 0
   void AppendSensor(const std::string& name, const std::string& directory);
   void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
-                   std::uint64_t overflow_before, const std::string& name);
+                   std::uint64_t overflow_before, std::string_view name);
   void CheckOutOfSync();
   LiveProgress Progress() const;
 

@@ -15,20 +15,12 @@ constexpr int kKindDigits = 4;
 constexpr std::size_t kRowValues = 12;
 constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // exact as a JSON number
 
-void AppendVector(const char* prefix, const Eigen::Vector3d& vector, std::string& fields) {
-  constexpr const char* kAxes = "xyz";
-  for (int axis = 0; axis < 3; ++axis) {
-    fields +=
-        std::string(",\"") + prefix + kAxes[axis] + "\":" + FixedText(vector[axis], kMetreDigits);
-  }
-}
-
 std::string StateFields(std::int64_t track, const TrajectoryRow& row) {
   std::string fields =
       ",\"track\":" + std::to_string(track) + ",\"timestamp\":" + SecondsText(row.time_ns);
-  AppendVector("", row.position_m, fields);
-  AppendVector("v", row.velocity_mps, fields);
-  AppendVector("sigma_", row.sigma_m, fields);
+  VisitState(row, [&](const std::string& name, double value) {
+    fields += ",\"" + name + "\":" + FixedText(value, kMetreDigits);
+  });
   return fields;
 }
 
@@ -202,10 +194,6 @@ void LiveOutput::Close() {
   Flush();
   trajectory_.Close();
   if (events_) events_->Close();
-}
-
-std::vector<int> LiveOutput::reader_fds() const {
-  return {trajectory_.reader_fd(), events_ ? events_->reader_fd() : -1};
 }
 
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {

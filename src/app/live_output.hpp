@@ -144,7 +144,9 @@ class LiveOutput {
   void Close();
 
   // Descriptors to wait on: one is ready when its reader has left. -1: none.
-  std::vector<int> reader_fds() const;
+  std::vector<int> reader_fds() const {
+    return {trajectory_.reader_fd(), events_ ? events_->reader_fd() : -1};
+  }
 
   // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }

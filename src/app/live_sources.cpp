@@ -58,18 +58,19 @@ class MessageSource : public LiveSource {
  private:
   void Take(const FrameMessage& message) {
     intake_.Warn(reader_.TakeWarnings());
-    const std::size_t sensor = SensorOf(message);
+    const std::uint32_t sensor = SensorOf(message);
     PcdCloud cloud;
     try {
       cloud = ParsePcd(message.pcd, message.name);
     } catch (const InputError& error) {
       return intake_.TakeBadFrame(error);
     }
-    intake_.Add(sensor, message.stamp_ns, message.name, std::move(cloud), std::nullopt);
+    intake_.Add({sensor, message.stamp_ns, message.name, std::move(cloud), std::nullopt});
   }
 
-  std::size_t SensorOf(const FrameMessage& message) {
-    if (const std::optional<std::size_t> known = intake_.SensorNamed(message.sensor)) return *known;
+  std::uint32_t SensorOf(const FrameMessage& message) {
+    if (const std::optional<std::uint32_t> known = intake_.SensorNamed(message.sensor))
+      return *known;
     if (intake_.is_full()) {
       throw InputError(message.name + " is of one more sensor, expected at most " +
                        std::to_string(kMaxSensors));
@@ -165,7 +166,7 @@ class PacketSource : public LiveSource {
   }
 
   // A LiDAR is a sensor of the run with its first frame.
-  std::size_t SensorOf(LivoxLidar& lidar) {
+  std::uint32_t SensorOf(LivoxLidar& lidar) {
     if (lidar.sensor) return *lidar.sensor;
     lidar.sensor = lidars_.FreeSlot();
     if (lidar.sensor) {
@@ -186,14 +187,14 @@ class PacketSource : public LiveSource {
   // `arrived`: the packet that completed them.
   void TakeFrames(LivoxLidar& lidar, Clock::time_point arrived) {
     while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
-      const std::size_t sensor = SensorOf(lidar);
+      const std::uint32_t sensor = SensorOf(lidar);
       ReportClock(lidar);
       if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - arrived, frame->arrival)) {
         continue;
       }
-      intake_.Add(sensor, frame->stamp_ns,
-                  "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
-                  std::move(frame->cloud), frame->arrival);
+      const std::string name =
+          "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns";
+      intake_.Add({sensor, frame->stamp_ns, name, std::move(frame->cloud), frame->arrival});
     }
     ReportClock(lidar);
     const LivoxCounts& counts = lidar.cutter.counts();
@@ -253,7 +254,7 @@ class FolderSource : public LiveSource {
       if (std::filesystem::exists(path, unknown)) return intake_.TakeBadFrame(error);
       return folders_.NoteVanished();
     }
-    intake_.Add(frame.folder, frame.file.stamp_ns, path, std::move(cloud), arrival);
+    intake_.Add({frame.folder, frame.file.stamp_ns, path, std::move(cloud), arrival});
   }
 
   LiveIntake& intake_;

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "app/output_files.hpp"
@@ -19,6 +20,16 @@ void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink);
 inline constexpr const char* kTrajectoryHeader =
     "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
 void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text);
+
+// Calls visit(name, value) for position, velocity and their sigmas, as the columns are named.
+template <class Visit>
+void VisitState(const TrajectoryRow& row, const Visit& visit) {
+  for (const auto& [prefix, vector] :
+       {std::pair{"", &row.position_m}, {"v", &row.velocity_mps}, {"sigma_", &row.sigma_m}}) {
+    for (int axis = 0; axis < 3; ++axis)
+      visit(prefix + std::string(1, "xyz"[axis]), (*vector)[axis]);
+  }
+}
 
 // `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.
 // Returns of a point-like target say nothing about its attitude: the quaternion is always

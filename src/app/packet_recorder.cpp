@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "app/output_files.hpp"
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "unlidar/error.hpp"
@@ -138,9 +139,7 @@ void AppendCaptureRecord(const Datagram& datagram, const LivoxEndpoint& receiver
 }
 
 std::size_t CaptureRecordBytes(std::string_view header) {
-  std::uint32_t captured = 0;
-  for (std::size_t i = 0; i < 4; ++i) captured |= Byte(header, kCapturedBytesAt + i) << (8 * i);
-  return kCaptureRecordHeaderBytes + captured;
+  return kCaptureRecordHeaderBytes + LoadAs<std::uint32_t>(header.data() + kCapturedBytesAt);
 }
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
@@ -165,8 +164,7 @@ void CaptureFiles::FindEarlierFiles() {
   }
   if (error) FailToWrite(directory_, error.message());
   if (files_.empty()) return;
-  std::sort(files_.begin(), files_.end(),
-            [](const File& a, const File& b) { return a.number < b.number; });
+  std::sort(files_.begin(), files_.end(), By(&File::number));
   next_number_ = files_.back().number + 1;
   CutOffPartOfRecord();
   for (const File& file : files_) total_bytes_ += file.bytes;

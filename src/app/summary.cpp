@@ -115,12 +115,12 @@ Json FlightJson(const FlightStatistics& flight) {
 }
 
 Json TrackJson(const FittedTrack& track) {
-  const double duration_s = SecondsOf(track.end_ns - track.begin_ns);
+  const double duration_s = SecondsOf(track.end_ns() - track.begin_ns());
   // Stamps as text: a JSON number is a double to most readers and would lose nanoseconds.
   return {
-      {"track_id", track.id},
-      {"begin", SecondsText(track.begin_ns)},
-      {"end", SecondsText(track.end_ns)},
+      {"track_id", track.id()},
+      {"begin", SecondsText(track.begin_ns())},
+      {"end", SecondsText(track.end_ns())},
       {"duration_s", duration_s},
       {"rows", track.num_rows},
       {"returns", track.returns.size()},
@@ -267,11 +267,7 @@ std::string StateJson(const LiveStatus& status) {
   for (const CurrentTrack& track : status.tracks) {
     const TrajectoryRow& row = track.now.row;
     Json json = {{"track", track.id}, {"timestamp", SecondsOf(row.time_ns)}};
-    for (const auto& [prefix, vector] :
-         {std::pair{"", &row.position_m}, {"v", &row.velocity_mps}, {"sigma_", &row.sigma_m}}) {
-      for (int axis = 0; axis < 3; ++axis)
-        json[prefix + std::string(1, "xyz"[axis])] = (*vector)[axis];
-    }
+    VisitState(row, [&](const std::string& name, double value) { json[name] = value; });
     json["unseen_s"] = track.now.unseen_s;
     json.update(KindJson(track.now.kind));
     tracks.push_back(json);

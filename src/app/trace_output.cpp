@@ -63,7 +63,7 @@ TraceJson DetectionJson(const Plot& plot) {
           {"unsupported", plot.is_floating}};
 }
 
-TraceJson DetectionJson(const Plot& plot, const PlotVerdict& verdict) {
+TraceJson DetectionJson(const Plot& plot, const PathVerdict& verdict) {
   TraceJson json = DetectionJson(plot);
   if (verdict.log_likelihood_ratio > 0.0) {
     json["log_likelihood_ratio"] = NumberJson(verdict.log_likelihood_ratio);
@@ -78,8 +78,8 @@ TraceJson DetectionJson(const Plot& plot, const PlotVerdict& verdict) {
 
 // `plot_of`: the plot of a number in the path.
 template <class PlotOf>
-TraceJson PathJson(const Path& path, const PlotOf& plot_of, double log_likelihood_ratio,
-                   double crowding_penalty, double score_threshold, Rejection rejection) {
+TraceJson PathJson(const Path& path, const PlotOf& plot_of, const PathVerdict& verdict,
+                   double score_threshold) {
   TraceJson detections = TraceJson::array();
   for (const std::uint32_t i : path.plots) {
     const Plot& plot = plot_of(i);
@@ -91,10 +91,10 @@ TraceJson PathJson(const Path& path, const PlotOf& plot_of, double log_likelihoo
   return {{"trace", "path"},
           {"first", first},
           {"last", last},
-          {"log_likelihood_ratio", NumberJson(log_likelihood_ratio)},
-          {"crowding_penalty", NumberJson(crowding_penalty)},
+          {"log_likelihood_ratio", NumberJson(verdict.log_likelihood_ratio)},
+          {"crowding_penalty", NumberJson(verdict.crowding_penalty)},
           {"threshold", NumberJson(score_threshold)},
-          {"rejection", RejectionJson(rejection)},
+          {"rejection", RejectionJson(verdict.rejection)},
           {"detections", std::move(detections)}};
 }
 
@@ -126,16 +126,15 @@ TraceJson TracedJson(const TracedFrame& traced) {
 }
 
 TraceJson TracedJson(const TracedPath& traced) {
-  const PathDecision& decision = traced.decision;
   const auto plot_of = [&](std::uint32_t i) -> const Plot& { return traced.seen[i].plot; };
-  TraceJson json = PathJson(traced.path, plot_of, decision.log_likelihood_ratio,
-                            decision.crowding_penalty, traced.score_threshold, decision.rejection);
+  TraceJson json = PathJson(traced.path, plot_of, traced.verdict, traced.score_threshold);
   TraceJson cuts = TraceJson::array();
   for (const PathCut& cut : traced.cuts) {
     cuts.push_back({RejectionJson(cut.rule), cut.num_plots});
   }
   json["cuts"] = std::move(cuts);
-  json["track"] = decision.track ? TraceJson(*decision.track) : TraceJson(nullptr);
+  const std::optional<int>& track = traced.verdict.track;
+  json["track"] = track ? TraceJson(*track) : TraceJson(nullptr);
   return json;
 }
 
@@ -186,9 +185,9 @@ void TraceOutput::Add(const Recording& recording, const SearchTrace& trace) {
   }
   const auto plot_of = [&](std::uint32_t i) -> const Plot& { return trace.plots[i]; };
   for (std::size_t k = 0; k < trace.paths.size(); ++k) {
-    const PathVerdict& verdict = trace.verdicts[k];
-    Append(LineOf(PathJson(trace.paths[k], plot_of, trace.paths[k].score, verdict.crowding_penalty,
-                           trace.score_threshold, verdict.rejection)));
+    PathVerdict verdict = trace.verdicts[k];
+    verdict.log_likelihood_ratio = trace.paths[k].score;
+    Append(LineOf(PathJson(trace.paths[k], plot_of, verdict, trace.score_threshold)));
   }
 }
 
@@ -212,10 +211,6 @@ LiveTraceSink LiveTraceOutput::Sink() {
     file_.Append(LineOf(std::visit([](const auto& traced) { return TracedJson(traced); }, event)));
     if (std::holds_alternative<TracedFrame>(event)) file_.Flush();
   };
-}
-
-void LiveTraceOutput::Reopen() {
-  if (file_.Reopen()) AddHeader();
 }
 
 // Sensors of a stream appear with their frames.

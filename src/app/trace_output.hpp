@@ -49,7 +49,9 @@ class LiveTraceOutput {
   // Writes each event; must not outlive this.
   LiveTraceSink Sink();
 
-  void Reopen();
+  void Reopen() {
+    if (file_.Reopen()) AddHeader();
+  }
   void Close() { file_.Close(); }
   int reader_fd() const { return file_.reader_fd(); }
 

@@ -93,9 +93,7 @@ std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const Pipeli
                         WriteTrajectoryTum(RowsOf(result, track), sink);
                       }};
   };
-  const auto best = std::max_element(
-      tracks.begin(), tracks.end(),
-      [](const FittedTrack& a, const FittedTrack& b) { return a.score < b.score; });
+  const auto best = std::max_element(tracks.begin(), tracks.end(), By(&FittedTrack::score));
   if (best == tracks.end()) {
     return {{arguments.out, [](const Sink& sink) { WriteTrajectoryTum({}, sink); }}};
   }
@@ -103,7 +101,7 @@ std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const Pipeli
   if (IsSpecialFile(arguments.out)) return files;  // nothing lies beside a pipe
   for (const FittedTrack& track : tracks) {
     if (&track == &*best) continue;
-    files.push_back(tum_file(PathOfTrack(arguments.out, track.id), track));
+    files.push_back(tum_file(PathOfTrack(arguments.out, track.id()), track));
   }
   return files;
 }
@@ -124,7 +122,7 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
   }
   for (const FittedTrack& track : result.tracks) {
     const MinimumReport& minimum = track.row_source.trajectory.minimum;
-    if (!minimum.converged) PrintNote(NotConvergedText(track.id, minimum));
+    if (!minimum.converged) PrintNote(NotConvergedText(track.id(), minimum));
   }
   if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
   if (result.tracks.empty()) PrintNote(NothingFoundText(counts));

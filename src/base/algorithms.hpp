@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <numeric>
 #include <vector>
 
@@ -19,6 +20,16 @@ void EraseIf(Values* values, const Predicate& predicate) {
 template <class T>
 void DropFirst(std::size_t count, std::vector<T>* values) {
   values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
+}
+
+// Returns the value whose bytes begin at `from`, aligned or not. What is read is little endian, as
+// this computer is.
+template <class Value>
+Value LoadAs(const void* from) {
+  static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__);
+  Value value;
+  std::memcpy(&value, from, sizeof(value));
+  return value;
 }
 
 // Returns the numbers below `count`.

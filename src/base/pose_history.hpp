@@ -2,12 +2,13 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar {
 
@@ -29,7 +30,32 @@ class PoseHistory {
 
   // Returns the transform from the carrier to the world; empty before the first pose, after the
   // last one, and between two that are farther apart than kMaxPoseGapNs.
-  std::optional<Eigen::Isometry3d> At(TimeNs time_ns);
+  std::optional<Eigen::Isometry3d> At(TimeNs time_ns) {
+    const std::vector<Pose>& poses = *poses_;
+    if (time_ns < begin_ns_ || time_ns > end_ns_) {
+      const auto later = FirstFrom(poses, &Pose::time_ns, time_ns + 1);
+      if (later == poses.begin() || time_ns > poses.back().time_ns) return std::nullopt;
+      const auto at = std::min(later, poses.end() - 1);
+      const Pose& from = *(at - 1);
+      const Pose& to = *at;
+      begin_ns_ = from.time_ns;
+      end_ns_ = to.time_ns;
+      rotation_ = RotationOf(from.rotation_xyzw);
+      position_m_ = from.position_m;
+      turn_ = Eigen::AngleAxisd(rotation_.conjugate() * RotationOf(to.rotation_xyzw));
+      step_m_ = to.position_m - from.position_m;
+    }
+    if (end_ns_ - begin_ns_ > kMaxPoseGapNs && time_ns != begin_ns_ && time_ns != end_ns_) {
+      return std::nullopt;
+    }
+    const double share =
+        static_cast<double>(time_ns - begin_ns_) / static_cast<double>(end_ns_ - begin_ns_);
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.linear() =
+        (rotation_ * Eigen::AngleAxisd(share * turn_.angle(), turn_.axis())).toRotationMatrix();
+    pose.translation() = position_m_ + share * step_m_;
+    return pose;
+  }
 
   // Identity of the carrier: histories of the same poses have the same.
   const void* carrier() const { return poses_.get(); }

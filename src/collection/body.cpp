@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/maths.hpp"
-
 namespace unlidar {
 namespace {
 

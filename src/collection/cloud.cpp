@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <iterator>
 
-#include "base/maths.hpp"
 #include "collection/body.hpp"
 #include "scene/range_grid.hpp"
 

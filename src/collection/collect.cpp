@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "collection/body.hpp"
-#include "collection/dwell_intervals.hpp"
+#include "collection/dwells.hpp"
 #include "collection/frame_timing.hpp"
 #include "collection/sensor_biases.hpp"
 #include "collection/spots.hpp"

@@ -1,7 +1,5 @@
 #include "collection/frame_timing.hpp"
 
-#include <cmath>
-
 #include "base/maths.hpp"
 
 namespace unlidar {

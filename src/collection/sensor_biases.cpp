@@ -3,8 +3,8 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cstdlib>
-#include <numeric>
 
+#include "base/algorithms.hpp"
 #include "base/maths.hpp"
 #include "scene/stations.hpp"
 
@@ -90,8 +90,7 @@ bool SensorComparison::HasDifferences() const {
 }
 
 std::vector<std::size_t> SensorComparison::Origins() const {
-  std::vector<std::size_t> by_returns(sensors_.size());
-  std::iota(by_returns.begin(), by_returns.end(), 0);
+  std::vector<std::uint32_t> by_returns = NumbersBelow(sensors_.size());
   std::stable_sort(by_returns.begin(), by_returns.end(), [&](std::size_t a, std::size_t b) {
     return sensors_[a].num_returns > sensors_[b].num_returns;
   });

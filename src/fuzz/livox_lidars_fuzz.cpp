@@ -87,10 +87,10 @@ class Station {
     while (auto frame = lidar.cutter.Next()) {
       if (!lidar.sensor) {
         lidar.sensor = lidars_.FreeSlot();
-        if (lidar.sensor) engine_.ReplaceSensor(static_cast<std::uint32_t>(*lidar.sensor), "other");
+        if (lidar.sensor) engine_.ReplaceSensor(*lidar.sensor, "other");
       }
       if (!lidar.sensor) lidar.sensor = engine_.AddSensor(lidar.name);
-      const auto sensor = static_cast<std::uint32_t>(*lidar.sensor);
+      const std::uint32_t sensor = *lidar.sensor;
       Require(sensor < kMaxSensors, "sensors are bounded");
       ++frames_;
       if (is_own) ++own_frames_;

@@ -250,10 +250,11 @@ void RequireSound(const PipelineResult& result, const Config& config) {
   TimeNs previous_begin_ns = begin_ns;
   for (std::size_t i = 0; i < result.tracks.size(); ++i) {
     const FittedTrack& track = result.tracks[i];
-    Require(track.id == static_cast<int>(i), "ids count from 0");
-    Require(previous_begin_ns <= track.begin_ns, "tracks are in order of first evidence");
-    previous_begin_ns = track.begin_ns;
-    Require(track.begin_ns <= track.end_ns && track.end_ns <= end_ns, "evidence is in frames");
+    Require(track.id() == static_cast<int>(i), "ids count from 0");
+    Require(previous_begin_ns <= track.begin_ns(), "tracks are in order of first evidence");
+    previous_begin_ns = track.begin_ns();
+    Require(track.begin_ns() <= track.end_ns() && track.end_ns() <= end_ns,
+            "evidence is in frames");
     Require(std::isfinite(track.score), "a score is finite");
     Require(std::isfinite(track.length_m) && track.length_m >= 0.0, "a length is finite");
     Require(!track.returns.empty(), "a track has returns");
@@ -267,7 +268,7 @@ void RequireSound(const PipelineResult& result, const Config& config) {
     const RowStream next = RowsOf(result, track);
     while (const std::optional<TrajectoryRow> row = next()) {
       RequireSoundRow(*row, config.trajectory.max_sigma_m);
-      Require(row->track_id == track.id, "a row has the id of its track");
+      Require(row->track_id == track.id(), "a row has the id of its track");
       Require(previous_ns < row->time_ns, "rows are in order");
       Require(begin_ns <= row->time_ns && row->time_ns <= end_ns, "rows are in the recording");
       previous_ns = row->time_ns;

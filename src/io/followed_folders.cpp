@@ -15,6 +15,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "base/algorithms.hpp"
 #include "base/recording.hpp"
 #include "io/arrival.hpp"
 
@@ -88,8 +89,7 @@ void FollowedFolders::Update() {
         Uninterrupted([&] { return ::read(inotify_.get(), buffer.data(), buffer.size()); });
     if (got <= 0) break;
     for (std::size_t at = 0; at < static_cast<std::size_t>(got);) {
-      inotify_event event{};
-      std::memcpy(&event, buffer.data() + at, sizeof(event));
+      const auto event = LoadAs<inotify_event>(buffer.data() + at);
       const char* name = buffer.data() + at + sizeof(event);
       at += sizeof(event) + event.len;
       if ((event.mask & IN_Q_OVERFLOW) != 0) {
@@ -108,7 +108,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
   if (pending_.empty() && has_more_) ListAll();
   while (!pending_.empty()) {
     const auto node = pending_.extract(pending_.begin());
-    const std::size_t index = node.key().second;
+    const std::uint32_t index = node.key().second;
     const Pending& next = node.mapped();
     WatchedFolder& folder = folders_[index];
     const std::string path = (fs::path(folder.directory) / next.name).string();
@@ -138,7 +138,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
 
 // Watches and lists the folders that are not watched, unless they are missing.
 void FollowedFolders::Attach() {
-  for (std::size_t i = 0; i < folders_.size(); ++i) {
+  for (std::uint32_t i = 0; i < folders_.size(); ++i) {
     WatchedFolder& folder = folders_[i];
     if (folder.watch >= 0) continue;
     folder.watch = ::inotify_add_watch(inotify_.get(), folder.directory.c_str(), kMask);
@@ -150,7 +150,7 @@ void FollowedFolders::Attach() {
   }
 }
 
-void FollowedFolders::List(std::size_t index) {
+void FollowedFolders::List(std::uint32_t index) {
   const std::string directory = folders_[index].directory;
   if (!folders_[index].was_listed)
     folders_[index].listed_ns = NsSinceEpoch(std::chrono::system_clock::now());
@@ -172,13 +172,13 @@ void FollowedFolders::List(std::size_t index) {
 void FollowedFolders::ListAll() {
   has_more_ = false;
   list_again_.reset();
-  for (std::size_t i = 0; i < folders_.size(); ++i) {
+  for (std::uint32_t i = 0; i < folders_.size(); ++i) {
     if (folders_[i].watch >= 0) List(i);
   }
 }
 
 void FollowedFolders::TakeEvent(int watch, std::uint32_t mask, const std::string& name) {
-  for (std::size_t i = 0; i < folders_.size(); ++i) {
+  for (std::uint32_t i = 0; i < folders_.size(); ++i) {
     if (folders_[i].watch != watch) continue;
     if ((mask & (IN_IGNORED | IN_MOVE_SELF)) != 0) {
       ::inotify_rm_watch(inotify_.get(), watch);  // another folder may take its place
@@ -216,7 +216,7 @@ std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_
   }
 }
 
-void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_listed) {
+void FollowedFolders::Offer(std::uint32_t index, const std::string& name, bool is_listed) {
   WatchedFolder& folder = folders_[index];
   if (name == kStampFile) {
     throw InputError((fs::path(folder.directory) / name).string() +

@@ -30,7 +30,7 @@ struct FollowedCounts {
 struct FollowedFrame {
   using Clock = std::chrono::steady_clock;
 
-  std::size_t folder = 0;
+  std::uint32_t folder = 0;
   FrameFile file;  // named by its stamp
   // Time of discovery; empty for frames present when their folder was first listed.
   std::optional<Clock::time_point> arrived;
@@ -97,14 +97,14 @@ class FollowedFolders {
     bool is_listed = false;  // found by listing: it may still be open for writing
     std::optional<FollowedFrame::Clock::time_point> arrived;
   };
-  using Order = std::pair<TimeNs, std::size_t>;  // stamp plus offset, folder
+  using Order = std::pair<TimeNs, std::uint32_t>;  // stamp plus offset, folder
 
   void Attach();
-  void List(std::size_t index);
+  void List(std::uint32_t index);
   void ListAll();
   void TakeEvent(int watch, std::uint32_t mask, const std::string& name);
   void Settle(const std::vector<std::string>& names, WatchedFolder* folder);
-  void Offer(std::size_t index, const std::string& name, bool is_listed);
+  void Offer(std::uint32_t index, const std::string& name, bool is_listed);
   std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, WatchedFolder* folder);
   static bool WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed);
 

@@ -156,10 +156,6 @@ bool IsFrameName(const std::string& name) {
          name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
 }
 
-std::string_view StemOf(std::string_view name) {
-  return name.substr(0, name.size() - kFrameSuffix.size());
-}
-
 SensorConfig SensorConfigOf(const Config& config, const std::string& name) {
   const auto known = config.sensors.find(name);
   return known == config.sensors.end() ? SensorConfig() : known->second;

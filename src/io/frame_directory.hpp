@@ -36,7 +36,9 @@ std::optional<TimeNs> StampInRange(std::string_view text);
 // True for names that a shell's *.pcd matches: no hidden files.
 bool IsFrameName(const std::string& name);
 
-std::string_view StemOf(std::string_view name);
+inline std::string_view StemOf(std::string_view name) {
+  return name.substr(0, name.size() - kFrameSuffix.size());
+}
 
 // 3 March 1973: names that would be earlier Unix times are numbers.
 inline constexpr std::uint64_t kMinUnixS = 100'000'000;

@@ -199,10 +199,6 @@ void LivoxFrameCutter::CountBy(LivoxCounter counter) {
   expected_ = LivoxCounter{static_cast<std::uint16_t>(counter.packet + 1), counter.frame};
 }
 
-void LivoxFrameCutter::Flush() {
-  if (!open_.empty()) CloseUntil((open_.rbegin()->first + 1) * frame_ns_);
-}
-
 void LivoxFrameCutter::DropUnfinished() {
   for (const auto& [index, frame] : open_) {
     counts_.used -= frame.parts.size();

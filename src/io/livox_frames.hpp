@@ -145,7 +145,9 @@ class LivoxFrameCutter {
   void Add(const LivoxPacket& packet, const Arrival& arrival);
 
   // Closes all open frames: no packets are expected for a while.
-  void Flush();
+  void Flush() {
+    if (!open_.empty()) CloseUntil((open_.rbegin()->first + 1) * frame_ns_);
+  }
 
   // Returns the next finished frame.
   std::optional<LivoxFrame> Next();

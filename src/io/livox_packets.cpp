@@ -4,10 +4,10 @@
 #include <boost/crc.hpp>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 #include <ctime>
 #include <string>
 
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "io/frame_directory.hpp"
@@ -25,13 +25,10 @@ constexpr double kRadPerHundredthDegree = 3.14159265358979323846 / 18000.0;
 
 [[noreturn]] void Fail(const std::string& what) { throw PacketError(what); }
 
-// Reads a little-endian number; the payload must be long enough.
+// Reads a number; the payload must be long enough.
 template <class Number>
 Number Get(std::string_view bytes, std::size_t at) {
-  static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__);
-  Number value{};
-  std::memcpy(&value, bytes.data() + at, sizeof(value));
-  return value;
+  return LoadAs<Number>(bytes.data() + at);
 }
 
 enum class Coordinates { kMillimetres, kCentimetres, kSpherical, kSharedAngles, kAccelerations };

@@ -101,10 +101,6 @@ LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
   thread_ = std::thread([this] { Receive(); });
 }
 
-std::string LivoxReceiver::name() const {
-  return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
-}
-
 std::optional<Datagram> LivoxReceiver::Next() {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (datagrams_.empty()) return std::nullopt;
@@ -220,7 +216,7 @@ void LivoxLidars::MakeRoom(Clock::time_point now) {
   lidars_.erase(last);
 }
 
-std::optional<std::size_t> LivoxLidars::FreeSlot() {
+std::optional<std::uint32_t> LivoxLidars::FreeSlot() {
   if (free_slots_.empty()) return std::nullopt;
   return free_slots_.extract(free_slots_.begin()).value();
 }

@@ -68,7 +68,9 @@ class LivoxReceiver {
   const LivoxEndpoint& endpoint() const { return endpoint_; }
 
   // The same as ADDRESS:PORT.
-  std::string name() const;
+  std::string name() const {
+    return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
+  }
 
  private:
   void Receive();
@@ -94,7 +96,7 @@ struct LivoxLidar {
   std::string name;
   LivoxFrameCutter cutter;
   Datagram::Clock::time_point arrived;  // arrival of its last packet
-  std::optional<std::size_t> sensor;    // index in the run, from its first frame on
+  std::optional<std::uint32_t> sensor;  // index in the run, from its first frame on
   std::uint64_t lost_reported = 0;
 };
 
@@ -114,7 +116,7 @@ class LivoxLidars {
   LivoxLidar* Take(const Datagram& datagram);
 
   // Takes a sensor index that a removed LiDAR has freed; empty if there is none.
-  std::optional<std::size_t> FreeSlot();
+  std::optional<std::uint32_t> FreeSlot();
 
   // Address, slot, number: one address can be that of a hub with several LiDARs.
   using Identity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
@@ -136,7 +138,7 @@ class LivoxLidars {
   TimeNs frame_ns_;
   Clock::duration silent_;
   std::map<Identity, LivoxLidar> lidars_;
-  std::set<std::size_t> free_slots_;
+  std::set<std::uint32_t> free_slots_;
   std::uint64_t forgotten_packets_ = 0;
 };
 

@@ -6,11 +6,11 @@
 #include <limits>
 #include <memory>
 
+#include "base/algorithms.hpp"
 #include "io/input_file.hpp"
 #include "io/pcd_format.hpp"
 #include "unlidar/error.hpp"
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "PCD data is little endian");
 static_assert(sizeof(Eigen::Vector3f) == 12, "points are written as they lie in memory");
 
 namespace unlidar {
@@ -38,8 +38,7 @@ Target Converted(Source value) {
 template <typename Source, typename Target>
 void CopyColumnAs(Column column, std::size_t count, Target* to, std::size_t to_stride) {
   for (std::size_t i = 0; i < count; ++i) {
-    Source value;
-    std::memcpy(&value, column.data + i * column.stride, sizeof(value));
+    const auto value = LoadAs<Source>(column.data + i * column.stride);
     to[i * to_stride] = Converted<Source, Target>(value);
   }
 }
@@ -103,10 +102,8 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
   if (body.size() < kCompressedPrefix) {
     fail("has " + std::to_string(body.size()) + " bytes, expected two sizes of 4 bytes first");
   }
-  std::uint32_t compressed_size = 0;
-  std::uint32_t size = 0;
-  std::memcpy(&compressed_size, body.data(), 4);
-  std::memcpy(&size, body.data() + 4, 4);
+  const auto compressed_size = LoadAs<std::uint32_t>(body.data());
+  const auto size = LoadAs<std::uint32_t>(body.data() + 4);
   body.remove_prefix(kCompressedPrefix);
   if (compressed_size > body.size()) {
     fail("says it has " + std::to_string(compressed_size) + " bytes, expected at most the " +
@@ -160,9 +157,8 @@ std::uint64_t BytesNeeded(const PcdHeader& header, std::string_view bytes,
     return header.body_begin + header.num_points * header.row_bytes;
   }
   if (bytes.size() < header.body_begin + kCompressedPrefix) return bytes.size();
-  std::uint32_t compressed_size = 0;
-  std::memcpy(&compressed_size, bytes.data() + header.body_begin, 4);
-  return header.body_begin + kCompressedPrefix + compressed_size;
+  return header.body_begin + kCompressedPrefix +
+         LoadAs<std::uint32_t>(bytes.data() + header.body_begin);
 }
 
 PcdCloud ParseBody(std::string_view bytes, const PcdHeader& header, const std::string& name) {

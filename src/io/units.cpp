@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 
 namespace unlidar {
@@ -56,9 +56,7 @@ bool AreOfMap(const RangeStatistics& ranges, double far_m) {
 
 std::size_t RangeStatistics::StepOf(double range_m) {
   // The exponent, and after it the leading bits of the fraction.
-  std::int64_t bits = 0;
-  std::memcpy(&bits, &range_m, sizeof bits);
-  const std::int64_t step = (bits >> kLowerBits) - kFirstStep;
+  const std::int64_t step = (LoadAs<std::int64_t>(&range_m) >> kLowerBits) - kFirstStep;
   return static_cast<std::size_t>(
       std::clamp<std::int64_t>(step, 0, static_cast<std::int64_t>(kSteps) - 1));
 }
@@ -95,10 +93,6 @@ double RangeStatistics::Quantile(double share) const {
     if (left <= 0.0) return BeginOf(i);
   }
   return BeginOf(kSteps - 1);
-}
-
-double RangeStatistics::mean_m() const {
-  return returns_ == 0 ? 0.0 : sum_m_.norm() / static_cast<double>(returns_);
 }
 
 double RangeStatistics::spread_m() const {

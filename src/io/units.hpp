@@ -33,7 +33,9 @@ class RangeStatistics {
   double Quantile(double share) const;
 
   // Distance of the mean from the origin, and of the returns from their mean (root mean square).
-  double mean_m() const;
+  double mean_m() const {
+    return returns_ == 0 ? 0.0 : sum_m_.norm() / static_cast<double>(returns_);
+  }
   double spread_m() const;
 
  private:

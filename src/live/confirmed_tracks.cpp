@@ -199,11 +199,6 @@ void ConfirmedTracks::ReportEnd(const Track& track) {
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
-void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection rejection) {
-  trace_.AddTrack({0, track.number, state, rejection, track.follower->first_evidence_ns(),
-                   track.follower->last_evidence_ns()});
-}
-
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
   const std::vector<Measurement>& measurements = track.follower->fit().measurements();

@@ -111,7 +111,10 @@ class ConfirmedTracks {
   static void SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void ReportEnd(const Track& track);
-  void Trace(const Track& track, TrackState state, Rejection rejection);
+  void Trace(const Track& track, TrackState state, Rejection rejection) {
+    trace_.AddTrack({0, track.number, state, rejection, track.follower->first_evidence_ns(),
+                     track.follower->last_evidence_ns()});
+  }
   void SetSource(const Track& track, const TimeInterval& presence, double max_sigma_m);
   void EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns, double extrapolated_share);
 

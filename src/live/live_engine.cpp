@@ -50,11 +50,6 @@ void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
   warned_of_.erase(warned_of_.lower_bound({sensor, ""}), warned_of_.lower_bound({sensor + 1, ""}));
 }
 
-SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name) const {
-  return {sensor, name, config_,
-          is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream, reading_};
-}
-
 void LiveEngine::Add(CloudFrame frame) {
   const Sensor& sensor = sensors_.at(frame.sensor);
   sensor.frames.CheckStamp(frame.name, frame.stamp_ns);

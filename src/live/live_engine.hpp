@@ -106,7 +106,11 @@ class LiveEngine {
     std::vector<TimeNs> stamps_ns = {};  // of frames that may still be repeated, ascending
   };
 
-  SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
+  SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const {
+    return {sensor, name, config_,
+            is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream,
+            reading_};
+  }
   bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
   void Settle(StampValidator::Verdict verdict);
   void DropAstray(const HeldFrames::Condition& should_drop);

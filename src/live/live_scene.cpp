@@ -32,11 +32,6 @@ void LiveScene::AddSensor(std::uint32_t sensor, const SensorInfo& info) {
                      FloatingPlots(robust.background.place)});
 }
 
-// Time of the middle of a bin, exact if no pause has been skipped since.
-double LiveScene::SecondsOfBin(std::int64_t bin) const {
-  return (static_cast<double>(bin + bin_shift_) + 0.5) * kBinS;
-}
-
 // A pause between frames takes only as many bins as end no dwell.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
   const std::int64_t slot = (time_ns - begin_ns_) / kBinNs;
@@ -92,10 +87,6 @@ void LiveScene::Enqueue(std::int64_t bin, LoadedFrame* frame) {
   times_ns.clear();
   times_ns.reserve(frame->times_ns.size());
   for (const TimeNs time_ns : frame->times_ns) times_ns.push_back(time_ns);
-}
-
-void LiveScene::Close() {
-  if (has_begun_ && !is_warm_) WarmUp();
 }
 
 void LiveScene::WarmUp() {

@@ -62,7 +62,9 @@ class LiveScene {
   bool is_warm() const { return is_warm_; }
 
   // No frame will follow: ends the warm-up.
-  void Close();
+  void Close() {
+    if (has_begun_ && !is_warm_) WarmUp();
+  }
 
   std::size_t num_waiting() const { return waiting_.size(); }
 
@@ -120,7 +122,10 @@ class LiveScene {
 
   bool IsSurge(const SceneFrame& frame);
   double SecondsSinceBegin(TimeNs time_ns) const { return SecondsOf(time_ns - begin_ns_); }
-  double SecondsOfBin(std::int64_t bin) const;
+  // Time of the middle of a bin, exact if no pause has been skipped since.
+  double SecondsOfBin(std::int64_t bin) const {
+    return (static_cast<double>(bin + bin_shift_) + 0.5) * kBinS;
+  }
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor) { return scenes_[stations_.StationOf(sensor)]; }
   void WarmUp();

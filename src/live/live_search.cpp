@@ -120,7 +120,7 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
 double LiveSearch::ScoreThresholdOfFlight() const {
   if (!config_.robust.Uses(Rule::kCrowded)) return score_threshold_;
   if (Floats(flight_.plots)) return score_threshold_;
-  if (flight_plots_.back().IsFromTravel()) return score_threshold_ + CrowdingPenaltyOfFlight();
+  if (flight_.plots.back().plot.IsFromTravel()) return score_threshold_ + CrowdingPenaltyOfFlight();
   if (!IsCrowded()) return score_threshold_;
   return score_threshold_ - ClutterUncertaintyMargin(kLearningS) +
          ClutterUncertaintyMargin(kCrowdedLearningS);

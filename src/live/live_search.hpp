@@ -120,7 +120,10 @@ class LiveSearch {
   void SetPath(const Members& members);  // sets path_plots_
   PathScorer Scorer(TimeOutOfView time_out_of_view) const;
   Members LeftAtPauses() const;
-  PathGates Gates() const;  // of path_plots_
+  PathGates Gates() const {  // of path_plots_
+    return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_,
+            config_.robust};
+  }
   Flight FlightOf(const Members& members) const;
   Path FollowedBack(const Members& members);
   bool IsCrowded() const;
@@ -150,7 +153,6 @@ class LiveSearch {
   Path pruned_;
   Members flight_members_;  // recent plots of flight_
   Flight flight_;
-  std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;
   bool is_of_likelier_ = false;  // the verdict of the path last judged
   double odds_ = 0.0;            // sum of birth odds over all plots, faded,

@@ -137,10 +137,6 @@ Members LiveSearch::LeftAtPauses() const {
   return path.plots;
 }
 
-PathGates LiveSearch::Gates() const {
-  return {Scorer(TimeOutOfView::kNone), score_threshold_, recent_, recent_bodies_, config_.robust};
-}
-
 Flight LiveSearch::FlightOf(const Members& members) const {
   Flight flight;
   for (const std::uint32_t i : members) {
@@ -167,9 +163,8 @@ Rejection LiveSearch::Judge(const Path& path) {
   if (is_of_likelier_) return of_likelier;
   Rejection rejection = Gates().RejectionOf(left);
   if (rejection == Rejection::kNone) {
-    flight_plots_ = ValuesAt(left, path_plots_);
     flight_ = FlightOf(flight_members_);
-    const bool is_at_rest = !MovesOrFloats(flight_.plots, flight_plots_);
+    const bool is_at_rest = !MovesOrFloats(flight_.plots, ValuesAt(left, path_plots_));
     if (config_.robust.Uses(Rule::kStationary) && is_at_rest) rejection = Rejection::kStationary;
   }
   Refuse(flight_members_, rejection);
@@ -195,8 +190,8 @@ bool LiveSearch::IsCrowded() const {
 
 double LiveSearch::CrowdingPenaltyOfFlight() const {
   const TimeNs reach_ns = NsOf(kCrowdingReachS);
-  const TimeNs begin_ns = flight_plots_.front().frame_time_ns - reach_ns;
-  const TimeNs end_ns = flight_plots_.back().frame_time_ns + reach_ns;
+  const TimeNs begin_ns = flight_.plots.front().plot.frame_time_ns - reach_ns;
+  const TimeNs end_ns = flight_.plots.back().plot.frame_time_ns + reach_ns;
   const std::size_t num_before = recent_plots_.PartitionPoint(
       [&](const LivePlot& seen) { return seen.plot.frame_time_ns < begin_ns; });
   std::vector<Plot> plots;

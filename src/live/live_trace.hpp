@@ -1,6 +1,7 @@
 // Measurements and decisions of a stream, for --trace.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "base/algorithms.hpp"
 #include "base/recording.hpp"
 #include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
@@ -18,34 +20,20 @@
 
 namespace unlidar {
 
-// Decision on a plot.
-struct PlotVerdict {
-  double log_likelihood_ratio = 0.0;       // of the best path to it; 0 without one
-  Rejection rejection = Rejection::kNone;  // of the path that came farthest
-  std::optional<int> track = {};           // that has the plot
-};
-
 // A frame, after the decisions of its search.
 struct TracedFrame {
   const SensorInfo& sensor;
   const SceneFrame& frame;
-  const std::vector<PlotVerdict>& verdicts;  // (plots)
+  const std::vector<PathVerdict>& verdicts;  // (plots)
   double score_threshold;
 };
 
-// Decision on a path at or above the score threshold.
-struct PathDecision {
-  double log_likelihood_ratio = 0.0;  // of its flying part, if that was scored
-  double crowding_penalty = 0.0;
-  Rejection rejection = Rejection::kNone;
-  std::optional<int> track = {};  // that it became, without a rejection
-};
-
+// A path at or above the score threshold.
 struct TracedPath {
   const Path& path;
   const RecentPlots& seen;           // recent plots, which it indexes
   const std::vector<PathCut>& cuts;  // of its plots, from the first on
-  const PathDecision& decision;
+  const PathVerdict& verdict;
   double score_threshold;
 };
 
@@ -77,20 +65,58 @@ class LiveTrace {
   // Begins a frame. `seen`: recent plots; those of a frame that is searched are the last ones.
   // `scores` (plots): of the best path to each; empty without a search.
   void BeginFrame(const SceneFrame& frame, const RecentPlots& seen,
-                  const std::vector<double>& scores, double score_threshold);
+                  const std::vector<double>& scores, double score_threshold) {
+    at_ns_ = frame.info.stamp_ns;
+    seen_ = &seen;
+    first_ = seen.size() - scores.size();
+    score_threshold_ = score_threshold;
+    rules_.resize(seen.size(), 0);
+    verdicts_.assign(frame.plots.size(), PathVerdict());
+    for (std::size_t i = 0; i < scores.size(); ++i) {
+      if (scores[i] > 0.0) verdicts_[i] = {scores[i], 0.0, Rejection::kBelowThreshold};
+    }
+  }
   void SetTrack(std::size_t plot, std::optional<int> track) { verdicts_[plot].track = track; }
-  void AddPath(const Path& path, const std::vector<PathCut>& cuts, const PathDecision& decision);
+  void AddPath(const Path& path, const std::vector<PathCut>& cuts, const PathVerdict& verdict) {
+    PathVerdict& of_last = verdicts_[path.plots.back() - first_];
+    const bool is_first = !of_last.track && of_last.rejection == Rejection::kBelowThreshold;
+    if (verdict.track || is_first) of_last = verdict;
+    const Rules rule = Rules{1} << static_cast<int>(verdict.rejection);
+    // Repeated: a path with most of these plots was passed on for the same rule.
+    const auto num_known =
+        std::count_if(path.plots.begin(), path.plots.end(),
+                      [&](std::uint32_t plot) { return (rules_[plot] & rule) != 0; });
+    const bool is_repeated = verdict.rejection != Rejection::kNone &&
+                             2 * static_cast<std::size_t>(num_known) >= path.plots.size();
+    rules_[path.plots.back()] |= rule;
+    if (is_repeated) return;
+    for (const std::uint32_t plot : path.plots) rules_[plot] |= rule;
+    sink_(TracedPath{path, *seen_, cuts, verdict, score_threshold_});
+  }
   void EndFrame(const SensorInfo& sensor, const SceneFrame& frame) {
     sink_(TracedFrame{sensor, frame, verdicts_, score_threshold_});
   }
 
   // A frame that yields no plots, because its station is still learning.
-  void AddUnsearched(const SensorInfo& sensor, const FrameInfo& info, std::size_t num_returns);
+  void AddUnsearched(const SensorInfo& sensor, const FrameInfo& info, std::size_t num_returns) {
+    SceneFrame frame;
+    frame.info = info;
+    frame.info.first_return = 0;
+    frame.info.last_return = static_cast<std::uint32_t>(num_returns);
+    frame.rejection = Rejection::kWarmUp;
+    verdicts_.clear();
+    EndFrame(sensor, frame);
+  }
 
-  void AddTrack(TracedTrack track);
+  void AddTrack(TracedTrack track) {
+    track.at_ns = at_ns_;
+    if (is_on()) sink_(track);
+  }
 
   // The first plots of `seen` are gone.
-  void Forget(std::size_t num_plots);
+  void Forget(std::size_t num_plots) {
+    if (is_on()) DropFirst(num_plots, &rules_);
+  }
 
  private:
   using Rules = std::uint32_t;  // a bit for each Rejection
@@ -100,7 +126,7 @@ class LiveTrace {
   const RecentPlots* seen_ = nullptr;
   std::size_t first_ = 0;  // index in seen_ of the first plot of the frame
   double score_threshold_ = 0.0;
-  std::vector<PlotVerdict> verdicts_;  // (plots of the frame)
+  std::vector<PathVerdict> verdicts_;  // (plots of the frame)
   std::vector<Rules> rules_;           // (seen) that refused paths through a plot
 };
 

@@ -97,37 +97,37 @@ void LiveTracker::Confirm() {
       continue;
     }
     const Path& path = search_.Pruned(found);
-    const PathDecision decision = Decide(path);
-    search_.LetStand(decision.rejection, found);
-    if (trace_.is_on()) trace_.AddPath(path, search_.cuts(), decision);
+    const PathVerdict verdict = Decide(path);
+    search_.LetStand(verdict.rejection, found);
+    if (trace_.is_on()) trace_.AddPath(path, search_.cuts(), verdict);
   }
 }
 
 // Initiates a track from a path unless a rule refuses it.
-PathDecision LiveTracker::Decide(const Path& path) {
-  PathDecision decision;
-  decision.log_likelihood_ratio = path.score;
-  decision.rejection = search_.Judge(path);
+PathVerdict LiveTracker::Decide(const Path& path) {
+  PathVerdict verdict;
+  verdict.log_likelihood_ratio = path.score;
+  verdict.rejection = search_.Judge(path);
   // A path over a bridge that stays in the search is the likeliest way to any drone near it.
-  if (decision.rejection == Rejection::kOnStructure) search_.Take(path);
-  if (decision.rejection != Rejection::kNone) return decision;
+  if (verdict.rejection == Rejection::kOnStructure) search_.Take(path);
+  if (verdict.rejection != Rejection::kNone) return verdict;
   const Flight& flight = search_.flight();
   const double score = tracks_.ScoreOf(flight);
   const double score_threshold = search_.ScoreThresholdOfFlight();
-  decision.crowding_penalty = score_threshold - search_.score_threshold();
-  decision.log_likelihood_ratio = score;
+  verdict.crowding_penalty = score_threshold - search_.score_threshold();
+  verdict.log_likelihood_ratio = score;
   if (score < score_threshold) {
     const bool is_crowded = score >= search_.score_threshold();
-    decision.rejection = is_crowded ? Rejection::kCrowded : Rejection::kBelowThreshold;
-    return decision;
+    verdict.rejection = is_crowded ? Rejection::kCrowded : Rejection::kBelowThreshold;
+    return verdict;
   }
   if (tracks_.HasTrackOf(flight)) {
-    decision.rejection = Rejection::kPartOfAnotherTrack;
+    verdict.rejection = Rejection::kPartOfAnotherTrack;
   } else {
-    decision.track = tracks_.Initiate(search_.WithHistory());
+    verdict.track = tracks_.Initiate(search_.WithHistory());
   }
   search_.Take(path);
-  return decision;
+  return verdict;
 }
 
 void LiveTracker::TraceFrame() {

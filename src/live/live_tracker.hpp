@@ -64,7 +64,7 @@ class LiveTracker {
   }
   void Search();
   void Confirm();
-  PathDecision Decide(const Path& path);
+  PathVerdict Decide(const Path& path);
   void TraceFrame();
 
   Config config_;

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "base/queue.hpp"
+#include "base/recording.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
@@ -14,13 +15,30 @@ namespace unlidar {
 class RecentFrameTimes {
  public:
   // Adds the next frame. Frame numbers increase.
-  void Add(std::uint32_t frame, const FrameTime& at);
+  void Add(std::uint32_t frame, const FrameTime& at) {
+    frames_.push_back({frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(),
+                       at.frames_before.size(), at.viewpoint_m});
+    for (const std::uint32_t before : at.frames_before) counts_.push_back(before);
+  }
 
   // Returns the time of a frame that was added and is not forgotten.
-  FrameTime At(std::uint32_t frame) const;
+  FrameTime At(std::uint32_t frame) const {
+    const auto its = FirstFrom(frames_, &Frame::number, frame);
+    const auto first =
+        counts_.begin() + static_cast<std::ptrdiff_t>(its->first_count - num_forgotten_);
+    return {its->time_s,
+            {first, first + static_cast<std::ptrdiff_t>(its->num_sensors)},
+            its->sensor,
+            its->viewpoint_m};
+  }
 
   // Forgets the frames before `frame`.
-  void Forget(std::uint32_t frame);
+  void Forget(std::uint32_t frame) {
+    for (; !frames_.empty() && frames_.front().number < frame; frames_.pop_front()) {
+      for (std::size_t i = 0; i < frames_.front().num_sensors; ++i) counts_.pop_front();
+      num_forgotten_ += frames_.front().num_sensors;
+    }
+  }
 
  private:
   struct Frame {

@@ -86,16 +86,6 @@ bool StampValidator::IsInRunOf(const Clock& clock, TimeNs time_ns) const {
   return clock.run > 0 && std::abs(NowOf(clock) - time_ns) <= kMaxClockDifferenceNs;
 }
 
-TimeNs StampValidator::ElapsedNs(const Clock& clock) const {
-  return matches_host_clock_ && now_ ? now_->steady_ns - clock.heard_steady_ns
-                                     : stream_ns_ - clock.heard_ns;
-}
-
-// Clamped, so that the difference of two such times does not overflow.
-TimeNs StampValidator::NowOf(const Clock& clock) const {
-  return std::min(*clock.last_ns + ElapsedNs(clock), kMaxStampNs);
-}
-
 bool StampValidator::IsActive(const Clock& clock) const {
   if (!clock.last_ns) return false;
   return ElapsedNs(clock) <= silent_ns_ ||

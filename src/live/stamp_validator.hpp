@@ -97,8 +97,14 @@ class StampValidator {
   void UpdateClock(const FrameStamp& stamp);
   bool IsInRunOf(const Clock& clock, TimeNs time_ns) const;
   bool IsActive(const Clock& clock) const;
-  TimeNs ElapsedNs(const Clock& clock) const;
-  TimeNs NowOf(const Clock& clock) const;
+  TimeNs ElapsedNs(const Clock& clock) const {
+    return matches_host_clock_ && now_ ? now_->steady_ns - clock.heard_steady_ns
+                                       : stream_ns_ - clock.heard_ns;
+  }
+  // Clamped, so that the difference of two such times does not overflow.
+  TimeNs NowOf(const Clock& clock) const {
+    return std::min(*clock.last_ns + ElapsedNs(clock), kMaxStampNs);
+  }
   bool IsReachedByMajority(std::uint32_t sensor, TimeNs time_ns) const;
   bool ContinuesFrom(const Clock& clock, TimeNs time_ns) const;
   bool IsRunConfirmed(const FrameStamp& stamp) const;

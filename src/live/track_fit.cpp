@@ -184,11 +184,6 @@ void TrackFit::ObservePredictionErrors() {
   }
 }
 
-Eigen::Vector3d TrackFit::PredictionInflationM2(TimeNs time_ns) const {
-  return (prediction_scale_.VarianceRatioAt(time_ns) - 1.0) *
-         trajectory_.CovarianceAt(time_ns).diagonal().cwiseMax(0.0);
-}
-
 // Insertion sort: nearly sorted, except for plots of one frame or of several sensors; does not
 // allocate.
 void TrackFit::SortByTime() {

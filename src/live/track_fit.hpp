@@ -75,7 +75,10 @@ class TrackFit {
 
   // Added to the variance of the trajectory at a time it yields that of a prediction, by how far
   // earlier ones were off: per axis, m^2, negative if they were better than stated.
-  Eigen::Vector3d PredictionInflationM2(TimeNs time_ns) const;
+  Eigen::Vector3d PredictionInflationM2(TimeNs time_ns) const {
+    return (prediction_scale_.VarianceRatioAt(time_ns) - 1.0) *
+           trajectory_.CovarianceAt(time_ns).diagonal().cwiseMax(0.0);
+  }
 
   // True if the fit uses a plot, and the measurements that it uses: all but outliers.
   bool IsInlier(const Plot& plot) const;

@@ -5,7 +5,6 @@
 
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
-#include "collection/body.hpp"
 #include "live/track_follower.hpp"
 #include "scene/support.hpp"
 #include "tracking/scan_schedule.hpp"

@@ -17,6 +17,13 @@ std::size_t BytesOf(const LoadedFrame& frame) {
          BytesOf(frame.return_rows) + BytesOf(frame.points_m) + BytesOf(frame.times_ns);
 }
 
+// The sensor with the highest cost. A frame without points also takes memory.
+using CostBySensor = std::map<std::uint32_t, std::size_t>;
+std::uint32_t BusiestOf(const CostBySensor& cost) {
+  const auto is_less = [](const auto& a, const auto& b) { return a.second < b.second; };
+  return std::max_element(cost.begin(), cost.end(), is_less)->first;
+}
+
 }  // namespace
 
 bool HeldFrames::Has(std::uint32_t sensor, TimeNs time_ns) const {
@@ -60,14 +67,13 @@ bool HeldFrames::TakeOverflow(const Condition& should_drop, Held* taken) {
 }
 
 HeldFrames::HeldIterator HeldFrames::OldestOfBusiestSensor() {
-  std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
+  CostBySensor cost;
   for (const Held& held : held_) {
     cost[held.frame.sensor] += held.frame.cloud.points_m.size() + kMaxPoints / kMaxFrames;
   }
-  const auto most = std::max_element(
-      cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  return std::find_if(held_.begin(), held_.end(),
-                      [&](const Held& held) { return held.frame.sensor == most->first; });
+  return std::find_if(held_.begin(), held_.end(), [busiest = BusiestOf(cost)](const Held& held) {
+    return held.frame.sensor == busiest;
+  });
 }
 
 LoadedFrame& WaitingFrames::Next() {
@@ -109,18 +115,15 @@ std::optional<LoadedFrame> WaitingFrames::TakeOverflow() {
 }
 
 WaitingFrames::Slots::iterator WaitingFrames::NewestOfBusiestSensor() {
-  std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
+  CostBySensor cost;
   for (const Slot& slot : slots_) {
     cost[slot.frame.info.sensor] += slot.bytes + kMaxBytes / kMaxFrames;
   }
-  const auto most = std::max_element(
-      cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  const auto is_earlier = [&](const Slot& a, const Slot& b) {
-    const bool is_a_of_busiest = a.frame.info.sensor == most->first;
-    const bool is_b_of_busiest = b.frame.info.sensor == most->first;
-    return std::make_pair(is_a_of_busiest, a.time_ns) < std::make_pair(is_b_of_busiest, b.time_ns);
+  const auto rank = [busiest = BusiestOf(cost)](const Slot& slot) {
+    return std::make_pair(slot.frame.info.sensor == busiest, slot.time_ns);
   };
-  return std::max_element(slots_.begin(), slots_.end(), is_earlier);
+  return std::max_element(slots_.begin(), slots_.end(),
+                          [&](const Slot& a, const Slot& b) { return rank(a) < rank(b); });
 }
 
 std::vector<LoadedFrame> WaitingFrames::TakeAll() {

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <stdexcept>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -53,10 +55,7 @@ Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const Clusterin
   };
   if (usable.size() == points_m.size()) return run_engine(points_m);
 
-  std::vector<Eigen::Vector3f> usable_points_m;
-  usable_points_m.reserve(usable.size());
-  for (const std::uint32_t i : usable) usable_points_m.push_back(points_m[i]);
-  const Clustering usable_result = run_engine(usable_points_m);
+  const Clustering usable_result = run_engine(ValuesAt(usable, points_m));
   Clustering result;
   result.num_clusters = usable_result.num_clusters;
   result.labels.assign(points_m.size(), kNoise);

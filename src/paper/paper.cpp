@@ -242,10 +242,6 @@ Target MakeTarget(const Recording& recording, const PaperConfig& config, const C
 
 }  // namespace
 
-double Density(std::size_t returns, double volume_m3) {
-  return volume_m3 > 0.0 ? static_cast<double>(returns) / volume_m3 : 0.0;
-}
-
 double RelativeDensity(double local_per_m3, double merged_per_m3, DensityReading reading) {
   if (reading == DensityReading::kFrameOverMerged) return local_per_m3 / merged_per_m3;
   if (reading == DensityReading::kMergedOverFrame) return merged_per_m3 / local_per_m3;

@@ -47,7 +47,9 @@ struct ClusterScore {
 };
 
 // rho = |C| / V; 0 for an empty volume.
-double Density(std::size_t returns, double volume_m3);
+inline double Density(std::size_t returns, double volume_m3) {
+  return volume_m3 > 0.0 ? static_cast<double>(returns) / volume_m3 : 0.0;
+}
 
 // Relative density R; both densities must be positive.
 double RelativeDensity(double local_per_m3, double merged_per_m3, DensityReading reading);

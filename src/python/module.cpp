@@ -15,6 +15,7 @@
 
 #include "api/recording_events.hpp"
 #include "app/live_output.hpp"
+#include "app/output.hpp"
 #include "python/named_sensors.hpp"
 #include "unlidar/error.hpp"
 
@@ -34,12 +35,7 @@ void SetKind(const Kind& kind, py::dict& fields) {
 void SetState(int track, const TrajectoryRow& row, py::dict& fields) {
   fields["track"] = track;
   fields["timestamp"] = row.time_ns;
-  for (const auto& [prefix, vector] :
-       {std::pair{"", &row.position_m}, {"v", &row.velocity_mps}, {"sigma_", &row.sigma_m}}) {
-    for (int axis = 0; axis < 3; ++axis) {
-      fields[py::str(prefix + std::string(1, "xyz"[axis]))] = (*vector)[axis];
-    }
-  }
+  VisitState(row, [&](const std::string& name, double value) { fields[py::str(name)] = value; });
 }
 
 // Events frame by frame, a dictionary each with the keys of --events. Numbers and delays them like

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "app/output.hpp"
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
@@ -30,13 +31,6 @@ std::string Described(const py::object& value) {
   }
   return "an array of shape " + py::cast<std::string>(py::str(value.attr("shape"))) +
          " and dtype " + py::cast<std::string>(py::str(value.attr("dtype")));
-}
-
-template <typename Value>
-Value ValueAt(const char* at) {
-  Value value;
-  std::memcpy(&value, at, sizeof(value));  // a field of packed records is not aligned
-  return value;
 }
 
 // Empty for what shows no memory.
@@ -68,7 +62,7 @@ std::vector<Eigen::Vector3f> PointsFrom(const py::buffer_info& view, const std::
   const char* from = static_cast<const char*>(view.ptr);
   for (Eigen::Vector3f& point_m : points_m) {
     for (int axis = 0; axis < 3; ++axis) {
-      const auto value = ValueAt<Value>(from + axis * view.strides[1]);
+      const auto value = LoadAs<Value>(from + axis * view.strides[1]);
       if (std::isfinite(value) && std::abs(value) > std::numeric_limits<float>::max()) {
         throw InputError(frame + ": xyz has " + ShortestText(value) +
                          ", expected metres, which float32 can hold");
@@ -110,7 +104,7 @@ std::vector<std::int64_t> CopiedOffsets(const py::buffer_info& offsets) {
   std::vector<std::int64_t> offsets_ns(static_cast<std::size_t>(offsets.size));
   const char* from = static_cast<const char*>(offsets.ptr);
   for (std::int64_t& offset_ns : offsets_ns) {
-    offset_ns = ValueAt<std::int64_t>(from);
+    offset_ns = LoadAs<std::int64_t>(from);
     from += offsets.strides[0];
   }
   return offsets_ns;
@@ -134,12 +128,11 @@ std::vector<Pose> CopiedPoses(const py::object& stamps_ns, const py::object& val
     std::array<double, kPoseColumns> row{};
     const char* const from = static_cast<const char*>(numbers.ptr) + i * numbers.strides[0];
     for (std::size_t column = 0; column < row.size(); ++column) {
-      row[column] = ValueAt<double>(from + static_cast<py::ssize_t>(column) * numbers.strides[1]);
+      row[column] = LoadAs<double>(from + static_cast<py::ssize_t>(column) * numbers.strides[1]);
     }
-    const Pose pose = {
-        ValueAt<TimeNs>(static_cast<const char*>(stamps.ptr) + i * stamps.strides[0]),
-        {row[0], row[1], row[2]},
-        {row[3], row[4], row[5], row[6]}};
+    const Pose pose = {LoadAs<TimeNs>(static_cast<const char*>(stamps.ptr) + i * stamps.strides[0]),
+                       {row[0], row[1], row[2]},
+                       {row[3], row[4], row[5], row[6]}};
     const std::string problem = PoseProblem(poses.empty() ? nullptr : &poses.back(), pose);
     if (!problem.empty()) throw InputError(where + ", pose " + std::to_string(i) + ": " + problem);
     poses.push_back(pose);
@@ -177,18 +170,14 @@ Config ConfigOf(const std::string& path, const std::vector<std::string>& assignm
   return config;
 }
 
-OutputTimes OutputTimesOf(std::int64_t nanohertz) {
-  if (nanohertz == 0) return FirstSensorStamps{};
-  return Rate{nanohertz};
-}
-
 }  // namespace
 
 NamedSensors::NamedSensors(const std::string& config_path,
                            const std::vector<std::string>& assignments, std::int64_t nanohertz,
                            const py::dict& poses, bool is_recording, EngineCallback on_event)
     : config_(ConfigOf(config_path, assignments, poses, is_recording)),
-      engine_(config_, {}, std::move(on_event), OutputTimesOf(nanohertz)) {}
+      engine_(config_, {}, std::move(on_event),
+              nanohertz == 0 ? OutputTimes() : OutputTimes(Rate{nanohertz})) {}
 
 std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
   const auto known = std::find(names_.begin(), names_.end(), sensor);

@@ -76,13 +76,11 @@ FittedTrack TrackOf(const Recording& recording, const Target& target,
   rows.covariance_inflations = CovarianceInflationsOf(target.alternative_modes, rows.trajectory);
   rows.max_sigma_m = config.max_sigma_m;
   rows.support = SupportByFrame(recording, target.returns);
-  track.begin_ns = rows.trajectory.begin_ns();
-  track.end_ns = rows.trajectory.end_ns();
   track.score = target.score;
   track.length_m = PathLength(rows.trajectory);
   track.returns = target.returns;
   KindFilter kind;
-  kind.Observe(rows.trajectory, track.end_ns);
+  kind.Observe(rows.trajectory, track.end_ns());
   track.flight = kind.Describe();
   track.echo = DescribeReturns(recording, target);
   return track;
@@ -234,7 +232,7 @@ void MakeTracks(const PipelineRequest& request, const Config& config,
   int next_id = 0;
   for (const Target& target : targets) {
     FittedTrack track = TrackOf(recording, target, config.trajectory);
-    track.id = track.row_source.track_id = next_id++;
+    track.row_source.track_id = next_id++;
     if (track.flight.kind.bird_like > request.max_bird_probability) {
       ++result.tracks_left_out;
       continue;

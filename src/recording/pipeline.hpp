@@ -25,9 +25,6 @@ struct ReturnStatistics {
 
 // A target with the rows of its trajectory. Ids count from 0 in order of first evidence.
 struct FittedTrack {
-  int id = 0;
-  TimeNs begin_ns = 0;  // first and last evidence
-  TimeNs end_ns = 0;
   double score = 0.0;                  // of the method, see Target
   double length_m = 0.0;               // along the fitted trajectory
   std::vector<std::uint32_t> returns;  // indices into the recording, ascending
@@ -35,6 +32,10 @@ struct FittedTrack {
   std::size_t num_rows = 0;
   FlightStatistics flight;
   ReturnStatistics echo;
+
+  int id() const { return row_source.track_id; }
+  TimeNs begin_ns() const { return row_source.trajectory.begin_ns(); }  // first and last evidence
+  TimeNs end_ns() const { return row_source.trajectory.end_ns(); }
 };
 
 struct PipelineRequest {

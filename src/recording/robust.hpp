@@ -38,18 +38,12 @@ struct RobustResult {
   RobustCounts counts;
 };
 
-// Decision on a path.
-struct PathVerdict {
-  double crowding_penalty = 0.0;  // subtracted from its score
-  Rejection rejection = Rejection::kNone;
-};
-
 // Measurements and decisions of a search, for --trace.
 struct SearchTrace {
   const std::vector<Plot>& plots;            // in order of time
   const std::vector<char>& are_bodies;       // (returns)
   const std::vector<Path>& paths;            // by falling score
-  const std::vector<PathVerdict>& verdicts;  // (paths)
+  const std::vector<PathVerdict>& verdicts;  // (paths) without their scores
   double score_threshold;
 };
 

@@ -1,7 +1,8 @@
 #include "scene/clutter.hpp"
 
 #include <cmath>
-#include <numeric>
+
+#include "base/algorithms.hpp"
 
 namespace unlidar {
 namespace {
@@ -103,8 +104,7 @@ class ClutterEstimate {
   // are complete: a map finds its latest bins first.
   template <class Add, class CountAt>
   void Walk(const Add& add, const CountAt& count) const {
-    std::vector<std::uint32_t> by_bin(plots_.size());
-    std::iota(by_bin.begin(), by_bin.end(), 0U);
+    std::vector<std::uint32_t> by_bin = NumbersBelow(plots_.size());
     std::stable_sort(by_bin.begin(), by_bin.end(),
                      [&](std::uint32_t a, std::uint32_t b) { return bins_[a] < bins_[b]; });
     auto next = by_bin.begin();
@@ -172,10 +172,6 @@ ClutterMap::Levels ClutterMap::LevelsAt(const Eigen::Vector3f& place_m,
   return levels;
 }
 
-ClutterMap::Level ClutterMap::WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const {
-  return {levels_[0].Count(place_m, bins), levels_[0].VolumeM3(place_m)};
-}
-
 void ClutterMap::Forget(std::uint32_t before_bin) {
   for (RangeGrid& level : levels_) level.Forget(before_bin);
 }
@@ -207,10 +203,6 @@ ClutterModel::FrameCount ClutterModel::CountIn(std::uint32_t sensor, BinRange bi
   return sum;
 }
 
-std::uint32_t ClutterModel::NumFrames(std::uint32_t sensor, BinRange bins) const {
-  return CountIn(sensor, bins).num_frames;
-}
-
 void ClutterModel::Add(const Plot& plot, std::uint32_t bin, std::int32_t count) {
   Sensor& sensor = sensors_[plot.sensor];
   sensor.around.Add(PlaceM(plot), bin, count);
@@ -239,10 +231,6 @@ double ClutterModel::PresentRate(const Plot& plot, std::uint32_t bin) const {
   const double num_others =
       static_cast<double>(about.count) / NumFrames(plot.sensor, present) - 1.0;
   return std::max(0.0, num_others) / about.volume_m3;
-}
-
-void ClutterModel::Remove(const Plot& plot, std::uint32_t bin) {
-  if (bin >= sensors_[plot.sensor].first_bin) Add(plot, bin, -1);
 }
 
 void ClutterModel::Forget(std::uint32_t before_bin) {

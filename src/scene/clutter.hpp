@@ -54,7 +54,9 @@ class ClutterMap {
   Levels LevelsAt(const Eigen::Vector3f& place_m, const LevelCounts& excluded) const;
 
   // Returns the widest level, with the plots of these bins alone.
-  Level WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const;
+  Level WidestAt(const Eigen::Vector3f& place_m, BinRange bins) const {
+    return {levels_[0].Count(place_m, bins), levels_[0].VolumeM3(place_m)};
+  }
 
   // Forgets the plots of earlier bins.
   void Forget(std::uint32_t before_bin);
@@ -83,13 +85,17 @@ class ClutterModel {
   void Add(const Plot& plot, std::uint32_t bin, std::int32_t count = 1);
 
   // Removes a plot that was added, unless it is forgotten.
-  void Remove(const Plot& plot, std::uint32_t bin);
+  void Remove(const Plot& plot, std::uint32_t bin) {
+    if (bin >= sensors_[plot.sensor].first_bin) Add(plot, bin, -1);
+  }
 
   // Forgets the frames and plots of earlier bins, of all sensors or of one.
   void Forget(std::uint32_t before_bin);
   void Forget(std::uint32_t sensor, std::uint32_t before_bin);
 
-  std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
+  std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const {
+    return CountIn(sensor, bins).num_frames;
+  }
 
   // The plots about a plot at its own time, in the bins excluded for it.
   struct SameTime {

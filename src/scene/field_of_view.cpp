@@ -1,6 +1,5 @@
 #include "scene/field_of_view.hpp"
 
-#include <algorithm>
 #include <numeric>
 #include <utility>
 

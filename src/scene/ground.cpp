@@ -199,8 +199,4 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   return p.z() - ground_m;
 }
 
-bool Ground::IsGround(const Eigen::Vector3f& point_m) const {
-  return HeightAbove(point_m) < kGroundThicknessM;
-}
-
 }  // namespace unlidar

@@ -41,7 +41,9 @@ class Ground {
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
   // True if the return comes from the ground itself.
-  bool IsGround(const Eigen::Vector3f& point_m) const;
+  bool IsGround(const Eigen::Vector3f& point_m) const {
+    return HeightAbove(point_m) < kGroundThicknessM;
+  }
 
  private:
   // A column of the scene.

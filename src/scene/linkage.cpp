@@ -1,7 +1,5 @@
 #include "scene/linkage.hpp"
 
-#include <algorithm>
-
 #include "base/algorithms.hpp"
 #include "base/maths.hpp"
 

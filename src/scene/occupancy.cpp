@@ -24,11 +24,6 @@ constexpr double kSupportingShare = 0.5;  // of the hits of structure
 
 }  // namespace
 
-// Evenly distributed, and the same for all returns of a place in one bin.
-int Occupancy::ChanceOf(const Place& place) {
-  return static_cast<int>(1e3F * place.point_m.norm());
-}
-
 Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
     : config_(config),
       knows_strays_(knows_strays),

@@ -145,7 +145,8 @@ class Occupancy {
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
   bool IsValid(const Place& place, std::int64_t bin) const;
-  static int ChanceOf(const Place& place);
+  // Evenly distributed, and the same for all returns of a place in one bin.
+  static int ChanceOf(const Place& place) { return static_cast<int>(1e3F * place.point_m.norm()); }
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
 
   BackgroundConfig config_;

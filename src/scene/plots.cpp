@@ -84,11 +84,6 @@ void SortByFrameTime(std::vector<Plot>* plots) {
   std::stable_sort(plots->begin(), plots->end(), is_before);
 }
 
-bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
-  return std::any_of(plot.returns.begin(), plot.returns.end(),
-                     [&](std::uint32_t i) { return returns[i] != 0; });
-}
-
 void Columns::Add(const Plot& plot) {
   constexpr double kRoundingM = 0.01;  // of coordinates in float
   const double radius_m = kColumnRadius.At(plot.ray_m.norm());
@@ -243,10 +238,6 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   CountBelow(recording, frame);
   CountInLineBelow(recording, frame, config.off_ground_m);
   return found_;
-}
-
-void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies) {
-  bodies->Insert(FirstFrom(*bodies, &BodyBox::time_ns, body.time_ns + 1), body);
 }
 
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {

@@ -105,8 +105,7 @@ class Columns {
   void VisitAbove(const Eigen::Vector3f& return_m, const Visit& visit) const {
     if (!box_.contains(return_m)) return;
     const Eigen::Vector3d point_m = return_m.cast<double>();
-    auto at = std::lower_bound(columns_.begin(), columns_.end(), point_m.x() - widest_m_,
-                               [](const Column& column, double x) { return column.x_m < x; });
+    auto at = FirstFrom(columns_, &Column::x_m, point_m.x() - widest_m_);
     for (; at != columns_.end() && at->x_m < point_m.x() + widest_m_; ++at) {
       const Eigen::Vector3d below_m = at->plot->position_m - point_m;
       if (below_m.z() > kBelowPlotM && below_m.z() < at->plot->column_m &&
@@ -130,7 +129,10 @@ class Columns {
 };
 
 // True if the plot contains any of the marked `returns` (N, nonzero if marked).
-bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
+inline bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
+  return std::any_of(plot.returns.begin(), plot.returns.end(),
+                     [&](std::uint32_t i) { return returns[i] != 0; });
+}
 
 // Bounding box of a body, and the time of its first return.
 struct BodyBox {
@@ -144,7 +146,9 @@ struct BodyBox {
 };
 
 // Inserts a body behind those that are not later.
-void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies);
+inline void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies) {
+  bodies->Insert(FirstFrom(*bodies, &BodyBox::time_ns, body.time_ns + 1), body);
+}
 
 struct FramePlots {
   std::vector<Plot> plots;                  // without the lists of their returns

@@ -219,10 +219,6 @@ void UpDirection::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vec
   }
 }
 
-void UpDirection::Finish() {
-  while (!IsDone()) TestNext();
-}
-
 UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up, double min_cells) {
   const Eigen::Matrix3f rotation =
       Eigen::Quaternionf::FromTwoVectors(up, Eigen::Vector3f::UnitZ()).toRotationMatrix();

@@ -100,7 +100,9 @@ class UpDirection {
   void AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vector3f& origin_m);
 
   // Tests the remaining directions after the last frame.
-  void Finish();
+  void Finish() {
+    while (!IsDone()) TestNext();
+  }
 
   // Unit vector that points up; empty unless z was rejected, which the last direction decides.
   std::optional<Eigen::Vector3f> found() const { return IsDone() ? best_up_ : std::nullopt; }

@@ -1,5 +1,3 @@
-#include "collection/dwell_intervals.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -7,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "collection/dwells.hpp"
 #include "tests/draws.hpp"
 #include "tests/fit_trajectory.hpp"
 #include "tests/synthetic_recording.hpp"

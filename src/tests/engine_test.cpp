@@ -608,8 +608,8 @@ TEST(TrackRecording, GivesTheRowsThatTheProgramWritesOfTheSameFrames) {
   const std::vector<Track> tracks = TrackRecording(Config(), {"a"}, shuffled, request.output_times);
   ASSERT_EQ(tracks.size(), 1U);
   ASSERT_EQ(written.tracks.size(), 1U);
-  EXPECT_EQ(tracks[0].begin_ns, written.tracks[0].begin_ns);
-  EXPECT_EQ(tracks[0].end_ns, written.tracks[0].end_ns);
+  EXPECT_EQ(tracks[0].begin_ns, written.tracks[0].begin_ns());
+  EXPECT_EQ(tracks[0].end_ns, written.tracks[0].end_ns());
   std::vector<TrajectoryRow> rows;
   const RowStream next = RowsOf(written, written.tracks[0]);
   while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);

@@ -34,12 +34,12 @@ struct Traced {
     std::size_t num_bodies = 0;
     double score_threshold = 0.0;
     std::vector<Plot> plots;
-    std::vector<PlotVerdict> verdicts;
+    std::vector<PathVerdict> verdicts;
   };
   struct OnePath {
     std::vector<Plot> plots;
     std::vector<PathCut> cuts;
-    PathDecision decision;
+    PathVerdict verdict;
     double score_threshold = 0.0;
   };
 
@@ -62,7 +62,7 @@ struct Traced {
   }
 
   void Add(const TracedPath& traced) {
-    OnePath path{{}, traced.cuts, traced.decision, traced.score_threshold};
+    OnePath path{{}, traced.cuts, traced.verdict, traced.score_threshold};
     for (const std::uint32_t i : traced.path.plots) path.plots.push_back(traced.seen[i].plot);
     paths.push_back(std::move(path));
   }
@@ -190,11 +190,11 @@ TEST(LiveTrace, ATrackIsInitiatedByAPathAndHasItsPlotsFromThenOn) {
   EXPECT_EQ(traced.tracks[2].state, TrackState::kDeleted);
   std::size_t num_initiating = 0;
   for (const Traced::OnePath& path : traced.paths) {
-    EXPECT_EQ(path.decision.rejection == Rejection::kNone, path.decision.track.has_value());
-    if (!path.decision.track) continue;
+    EXPECT_EQ(path.verdict.rejection == Rejection::kNone, path.verdict.track.has_value());
+    if (!path.verdict.track) continue;
     ++num_initiating;
-    EXPECT_EQ(path.decision.track, 0);
-    EXPECT_GE(path.decision.log_likelihood_ratio - path.decision.crowding_penalty,
+    EXPECT_EQ(path.verdict.track, 0);
+    EXPECT_GE(path.verdict.log_likelihood_ratio - path.verdict.crowding_penalty,
               path.score_threshold);
     for (const Plot& plot : path.plots) {
       const double i = static_cast<double>(plot.time_ns - kBeginNs) / kPeriodNs - 0.5;
@@ -216,11 +216,11 @@ TEST(LiveTrace, APathThatIsRefusedForSecondsIsTracedOnceForEachRule) {
   const Traced traced = TraceOf(scene);
   EXPECT_TRUE(traced.tracks.empty());
   std::map<Rejection, int> lines;
-  for (const Traced::OnePath& path : traced.paths) ++lines[path.decision.rejection];
+  for (const Traced::OnePath& path : traced.paths) ++lines[path.verdict.rejection];
   EXPECT_EQ(lines[Rejection::kNearGround], 1);
   int num_refused = 0;
   for (const Traced::Frame& frame : traced.frames) {
-    for (const PlotVerdict& verdict : frame.verdicts) {
+    for (const PathVerdict& verdict : frame.verdicts) {
       num_refused += verdict.rejection == Rejection::kNearGround ? 1 : 0;
     }
   }
@@ -231,7 +231,7 @@ TEST(LiveTrace, PlotsHaveTheScoreOfTheirPathAgainstTheThreshold) {
   const Traced traced = TraceOf(With(DroneAt));
   int num_below = 0;
   for (const Traced::Frame& frame : traced.frames) {
-    for (const PlotVerdict& verdict : frame.verdicts) {
+    for (const PathVerdict& verdict : frame.verdicts) {
       if (verdict.track) continue;
       if (verdict.rejection == Rejection::kNone) {
         EXPECT_EQ(verdict.log_likelihood_ratio, 0.0);

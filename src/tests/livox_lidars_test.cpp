@@ -44,7 +44,7 @@ class Port {
 
   LivoxLidars lidars;
   std::uint16_t counter = 0;
-  std::size_t next_sensor = 0;
+  std::uint32_t next_sensor = 0;
 };
 
 TEST(LivoxNames, AreTheAddressesAmongTheNamesOfSensors) {

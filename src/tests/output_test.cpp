@@ -154,8 +154,8 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   result.recording.counts.bad_frames = 2;
   result.times = {{"read", 0.25}};
   FittedTrack track;
-  track.begin_ns = kBeginNs;
-  track.end_ns = kBeginNs + 1'500'000'000;
+  track.row_source.trajectory.origin_ns = kBeginNs;
+  track.row_source.trajectory.duration_ns = 1'500'000'000;
   track.length_m = 3.0;
   track.num_rows = 2;
   track.row_source.trajectory.minimum = {"ceres", 9, true, 20.5, 18.25, "CONVERGENCE"};

@@ -116,7 +116,7 @@ TEST(Pipeline, FollowsADroneFromFramesToRows) {
   const PipelineResult result = RunQuietly(request, PaperMethod());
   ASSERT_EQ(result.tracks.size(), 1U);
   const FittedTrack& track = result.tracks.front();
-  EXPECT_EQ(track.id, 0);
+  EXPECT_EQ(track.id(), 0);
   EXPECT_EQ(track.returns.size(), 6U * kFrames);
   EXPECT_NEAR(track.length_m, 4.0 * 3.9, 0.05);
   const std::vector<TrajectoryRow> rows = Drained(RowsOf(result, track));

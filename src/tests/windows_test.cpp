@@ -98,7 +98,7 @@ TEST(Windows, ReturnsAreThoseOfTheRecordingAndOneTracksEach) {
   for (const FittedTrack& track : result.tracks) {
     for (const std::uint32_t i : track.returns) EXPECT_TRUE(taken.insert(i).second);
     int support = 0;
-    for (const TrajectoryRow& row : Rows(result, static_cast<std::size_t>(track.id))) {
+    for (const TrajectoryRow& row : Rows(result, static_cast<std::size_t>(track.id()))) {
       support += row.support;
     }
     EXPECT_EQ(support, static_cast<int>(track.returns.size()));

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 
 namespace unlidar {
 
@@ -63,5 +64,13 @@ inline const char* NameOf(Rejection rejection) {
   static_assert(kNames.size() == static_cast<std::size_t>(Rejection::kLost) + 1);
   return kNames[static_cast<std::size_t>(rejection)];
 }
+
+// Decision on a path, and in streams on a plot: that on the path to it that came farthest.
+struct PathVerdict {
+  double log_likelihood_ratio = 0.0;  // of its flying part, if that was scored; 0 without a path
+  double crowding_penalty = 0.0;      // subtracted from its score
+  Rejection rejection = Rejection::kNone;
+  std::optional<int> track = {};  // that it became, without a rejection, or that has the plot
+};
 
 }  // namespace unlidar

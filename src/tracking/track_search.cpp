@@ -249,6 +249,7 @@ void TrackSearch::Continue(const Outlook& outlook, const Scan& scan) {
 bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node& leaf,
                                  const ScoreBound& bound) {
   const Prediction& p = predictions_.back();
+  const Hypothesis& from = active_[p.hypothesis];
   bool is_raised = false;
   for (std::uint32_t i = leaf.begin; i < leaf.end; ++i) {
     const Scan::Entry& entry = scan.entries[i];
@@ -259,7 +260,11 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     if (is_gated_ && (increment.is_too_fast || increment.is_beyond_gate)) continue;
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
-    if (IsLikelierNew(active_[p.hypothesis], plot, score, log_births_[entry.plot])) continue;
+    // From near the ground to a plot above it, a new target is likelier.
+    if (from.is_near_ground && plot.lowest_m > ground_target_m_ &&
+        score - from.score < log_births_[entry.plot]) {
+      continue;
+    }
     std::vector<Candidate>& best = candidates_[entry.plot - scan.first];
     InsertCandidate({score, increment, p.hypothesis, predictions_.size() - 1}, &best);
     if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
@@ -267,12 +272,6 @@ bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node
     is_raised = true;
   }
   return is_raised;
-}
-
-// True for a path from near the ground to a plot above it that is likelier the first of a target.
-bool TrackSearch::IsLikelierNew(const Hypothesis& from, const Plot& plot, double score,
-                                double log_birth) const {
-  return from.is_near_ground && plot.lowest_m > ground_target_m_ && score - from.score < log_birth;
 }
 
 void TrackSearch::InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const {

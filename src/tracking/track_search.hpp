@@ -171,8 +171,6 @@ class TrackSearch {
   void Continue(const Outlook& outlook, const Scan& scan);
   bool ContinueToLeaf(const Scan& scan, const PointTree<double>::Node& leaf,
                       const ScoreBound& bound);
-  bool IsLikelierNew(const Hypothesis& from, const Plot& plot, double score,
-                     double log_birth) const;
   void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
   const std::vector<double>& log_births_;

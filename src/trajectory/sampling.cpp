@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <iterator>
-#include <utility>
 
 #include "base/maths.hpp"
 #include "unlidar/error.hpp"

@@ -3,11 +3,8 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <numeric>
 #include <stdexcept>
-
-#include "trajectory/banded.hpp"
 
 namespace unlidar {
 namespace {

@@ -60,7 +60,7 @@ struct FrameInfo {
   TimeNs end_ns = 0;
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
-  bool is_timed = false;  // with the times of its points, given or told by their order
+  bool is_timed = false;      // with the times of its points, given or told by their order
   float time_sigma_s = 0.0F;  // of an error of these times that the frames of a sensor share
   CarrierPose carrier;
 

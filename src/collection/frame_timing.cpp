@@ -44,9 +44,10 @@ void FrameTiming::Add(const Streak& streak, const BodySigmas& body) {
 
 double FrameTiming::VarianceS2() const {
   const double log_ratio = LogSum(log_streak_) - LogSum(log_instant_);
-  const double is_short = ShortProbability();
+  const double short_probability = ShortProbability();
   return Square(length_s_) / 12.0 / (1.0 + std::exp(log_ratio)) +
-         is_short * (1.0 - is_short) * Square(time_bias_s_) + Square(timed_sigma_s_);
+         short_probability * (1.0 - short_probability) * Square(time_bias_s_) +
+         Square(timed_sigma_s_);
 }
 
 Streak StreakOf(const Recording& recording, const FrameInfo& frame,

@@ -28,8 +28,9 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
                 const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
                 const Eigen::Vector3d& velocity_mps);
 
-// Bias and common error of the times of a target's returns in the frames of one sensor; both are
-// zero with point times.
+// Bias and common error of the times of a target's returns in the frames of one sensor. With point
+// times the bias is zero, and the common error is that of the frame: none where they are given, the
+// doubt of the length of a turn where their order tells them.
 //
 // Many recordings keep only every n-th frame of a LiDAR with about 10 frames per second; a target
 // is then seen only at the beginning of the interval between two frames. The streak tells the two
@@ -41,15 +42,17 @@ Streak StreakOf(const Recording& recording, const FrameInfo& frame,
 // flown in it. The streaks of slow and fast frames tell the two apart.
 class FrameTiming {
  public:
+  // Adds a frame without point times.
   void Add(const Streak& streak, const BodySigmas& body);
-  // A frame with times of its points, FrameInfo::time_sigma_s.
+
+  // Adds a frame with point times, of FrameInfo::time_sigma_s.
   void AddTimed(double sigma_s) { timed_sigma_s_ = sigma_s; }
 
   // Expected time of the returns after the middle of the frame, given the streaks so far. Zero at
   // the frame rate of a LiDAR: intervals of up to kLongestFrameS are a normal frame.
   double TimeBiasS() const { return time_bias_s_ * ShortProbability(); }
 
-  // Variance of the common error and, over longer intervals, of the bias.
+  // Variance of the common error; over longer intervals that of the bias.
   double VarianceS2() const;
 
  private:
@@ -57,10 +60,10 @@ class FrameTiming {
 
   static constexpr std::size_t kNumWidths = 12;
 
-  double timed_sigma_s_ = 0.0;
-  double log_short_ = 0.0;    // log likelihood ratio: frame lasts one revolution
-  double time_bias_s_ = 0.0;  // in that case
-  double length_s_ = 0.0;     // of the last normal frame
+  double timed_sigma_s_ = 0.0;  // of frames with point times
+  double log_short_ = 0.0;      // log likelihood ratio: frame lasts one revolution
+  double time_bias_s_ = 0.0;    // in that case
+  double length_s_ = 0.0;       // of the last normal frame
   // Log likelihoods by the width of the body along the way of flight, which is not known.
   std::array<double, kNumWidths> log_streak_{};
   std::array<double, kNumWidths> log_instant_{};

@@ -18,8 +18,8 @@ namespace unlidar {
 // Length of a time bin.
 constexpr TimeNs kBinNs = 500'000'000;
 constexpr double kBinS = static_cast<double>(kBinNs) * kSecondsPerNs;
-// Longer pauses between frames are shortened to this many bins, which end no dwell: what was there
-// before and is there after has stayed.
+// Longer pauses between frames are shortened to this many bins, no more than the default break of a
+// dwell (robust.background.max_dwell_gap_s): what was there before and is there after has stayed.
 constexpr std::int64_t kMaxPauseBins = 3;
 
 // Bins of the frames of a recording, numbered in order of time.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 
 #include "base/algorithms.hpp"
 
@@ -53,6 +54,23 @@ Eigen::Vector3d MiddleOf(const Voxel& cell) {
           (static_cast<double>(cell.y) + 0.5) * kGroundCellM};
 }
 
+// True if enough of the heights of a cell are no higher than the limit.
+bool IsFlat(const float* begin, const float* end, double limit_m) {
+  const auto low = std::count_if(begin, end, [&](float height_m) { return height_m < limit_m; });
+  return static_cast<double>(low) >= kFlatShare * static_cast<double>(end - begin);
+}
+
+// Sorts the heights of a cell. Returns the lowest one from which on a flat share of them lies
+// within the thickness of ground; NaN if there is none.
+double LowestLayerM(float* begin, float* end) {
+  std::sort(begin, end);
+  const auto least = static_cast<std::ptrdiff_t>(kFlatShare * static_cast<double>(end - begin));
+  for (const float* low = begin; low + least < end; ++low) {
+    if (low[least] - *low < kGroundThicknessM) return static_cast<double>(*low);
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
 // From the station.
 double DistanceM(const Voxel& cell) { return MiddleOf(cell).tail<2>().norm(); }
 
@@ -89,18 +107,57 @@ void Ground::SetHeights(const PointsView& points_m) {
   heights_m_.resize(points_m.size());
   SortByGroup(cell_of_, cells_.size(), &begins_,
               [&](std::size_t i, std::uint32_t at) { heights_m_[at] = points_m[i].z(); });
+  SetHeightsOutwards();
   known_.clear();
   for (std::uint32_t number = 0; number < cells_.size(); ++number) {
-    float* const begin = heights_m_.data() + begins_[number];
-    float* const end = heights_m_.data() + begins_[number + 1];
-    if (end - begin < kMinReturns) continue;
-    cells_[number].height_m = Quantile(begin, end, kQuantile);
-    known_.push_back(number);
+    if (!std::isnan(cells_[number].height_m)) known_.push_back(number);
   }
   // Independent of the order of the points.
   std::sort(known_.begin(), known_.end(), [&](std::uint32_t a, std::uint32_t b) {
     return KeyOf(cells_[a].at) < KeyOf(cells_[b].at);
   });
+}
+
+// The nearest cells first, so that flat ground hides from the station what lies behind it: points
+// below its horizon are images that a wet ground mirrors. Crowns and walls, which are not flat,
+// hide nothing, as sensors see through gaps in them.
+void Ground::SetHeightsOutwards() {
+  outwards_.resize(cells_.size());
+  std::iota(outwards_.begin(), outwards_.end(), 0U);
+  std::sort(outwards_.begin(), outwards_.end(), [&](std::uint32_t a, std::uint32_t b) {
+    const double a_m = DistanceM(cells_[a].at);
+    const double b_m = DistanceM(cells_[b].at);
+    return a_m != b_m ? a_m < b_m : KeyOf(cells_[a].at) < KeyOf(cells_[b].at);
+  });
+  for (const std::uint32_t number : outwards_) {
+    Cell& cell = cells_[number];
+    const double distance_m = DistanceM(cell.at);
+    cell.horizon = HorizonBefore(cell.at);
+    const auto lowest_m = static_cast<float>(cell.horizon * distance_m);
+    float* const end = heights_m_.data() + begins_[number + 1];
+    float* const first = heights_m_.data() + begins_[number];
+    float* const begin =
+        std::partition(first, end, [&](float height_m) { return height_m < lowest_m; });
+    if (end - begin < kMinReturns) continue;
+    // Shallow images are above the horizon, which the distance of a cell blurs.
+    const bool has_images = begin != first;
+    cell.height_m = has_images ? LowestLayerM(begin, end) : Quantile(begin, end, kQuantile);
+    if (IsFlat(begin, end, cell.height_m + kPlaneBandM)) {
+      cell.horizon = std::max(cell.horizon, (cell.height_m - kPlaneBandM) / distance_m);
+    }
+  }
+}
+
+// Returns the horizon of the next cell on the way to the station that holds points.
+double Ground::HorizonBefore(const Voxel& at) const {
+  const Eigen::Vector2d middle_m = MiddleOf(at).tail<2>();
+  const double distance_m = middle_m.norm();
+  for (double before_m = distance_m - kGroundCellM; before_m > 0.0; before_m -= kGroundCellM) {
+    const Eigen::Vector2f before = (before_m / distance_m * middle_m).cast<float>();
+    const std::uint32_t number = numbers_.Find(0, KeyOf(CellAt({before.x(), before.y(), 0.0F})));
+    if (number != VoxelNumbers::kNone) return cells_[number].horizon;
+  }
+  return -std::numeric_limits<double>::infinity();
 }
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
@@ -174,14 +231,10 @@ double Ground::FlatSupport(double band_m) {
     }
   }
   const double rise_m = band_m + plane.coefficients.tail<2>().norm() * kGroundCellM;
-  const auto is_not_flat = [&](std::uint32_t number) {
-    const float* const begin = heights_m_.data() + begins_[number];
-    const float* const end = heights_m_.data() + begins_[number + 1];
-    const auto low = std::count_if(
-        begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
-    return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);
-  };
-  EraseIf(&inliers_, is_not_flat);
+  EraseIf(&inliers_, [&](std::uint32_t number) {
+    return !IsFlat(heights_m_.data() + begins_[number], heights_m_.data() + begins_[number + 1],
+                   cells_[number].height_m + rise_m);
+  });
   return SupportOf();
 }
 

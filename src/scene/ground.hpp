@@ -16,8 +16,9 @@ constexpr double kMaxTerrainSlope = 0.3;
 // Anything lower above the ground is the ground itself: grass and range noise.
 constexpr double kGroundThicknessM = 0.3;
 
-// Lowest local heights relative to one plane z = c0 + c1 x + c2 y, x and y from the station.
-// Without a ground in view (a sensor that looks up) every height above ground is infinite.
+// Lowest local heights relative to one plane z = c0 + c1 x + c2 y, x and y from the station. What
+// the station would see through nearer ground is an image mirrored by a wet one, and does not
+// count. Without a ground in view (a sensor that looks up) every height above ground is infinite.
 class Ground {
  public:
   // No ground until Fit().
@@ -50,6 +51,8 @@ class Ground {
   struct Cell {
     Voxel at;
     double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN if it has too few points
+    // Slope of the lowest line of sight above all nearer ground on the way to the cell.
+    double horizon = -std::numeric_limits<double>::infinity();
   };
 
   struct Plane {
@@ -58,6 +61,8 @@ class Ground {
   };
 
   void SetHeights(const PointsView& points_m);
+  void SetHeightsOutwards();
+  double HorizonBefore(const Voxel& at) const;
   Plane PlaneOf(double reach_m);
 
   // Fits the plane to the inliers, then makes all known cells within the band of it the inliers.
@@ -71,12 +76,13 @@ class Ground {
   VoxelNumbers numbers_;     // of the cells
   std::vector<Cell> cells_;  // by number
   // Of the last fit, kept for reuse.
-  std::vector<std::uint32_t> cell_of_;  // (points)
-  std::vector<float> heights_m_;        // of the points, by cell
-  std::vector<std::uint32_t> begins_;   // (cells + 1) in heights_m_
-  std::vector<std::uint32_t> known_;    // cells with a height, ordered by x, then y
-  std::vector<double> lowest_m_;        // heights of these, or of those near the station
-  std::vector<std::uint32_t> inliers_;  // the known cells to which the plane is fitted
+  std::vector<std::uint32_t> cell_of_;   // (points)
+  std::vector<float> heights_m_;         // of the points, by cell
+  std::vector<std::uint32_t> begins_;    // (cells + 1) in heights_m_
+  std::vector<std::uint32_t> outwards_;  // all cells, the nearest first
+  std::vector<std::uint32_t> known_;     // cells with a height, ordered by x, then y
+  std::vector<double> lowest_m_;         // heights of these, or of those near the station
+  std::vector<std::uint32_t> inliers_;   // the known cells to which the plane is fitted
 };
 
 }  // namespace unlidar

@@ -89,6 +89,51 @@ TEST(Ground, FollowsHollowsButNoHoles) {
   EXPECT_NEAR(hole.HeightAbove(kAbovePatch), 5.5, 0.15);
 }
 
+// Returns of level ground, and half as many images of a house 12 m high that it mirrors.
+std::vector<Eigen::Vector3f> WetGroundBeforeAHouse(Random* random, double ground_m) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 6000; ++i) {
+    Eigen::Vector3d p = random->InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+    p.z() = ground_m + random->Normal(0.03);
+    points_m.emplace_back(p.cast<float>());
+    if (i % 2 == 0) continue;
+    const Eigen::Vector3d image_m = random->InBox({10, -20, -12}, {22, 20, 0});
+    points_m.emplace_back((image_m + ground_m * Eigen::Vector3d::UnitZ()).cast<float>());
+  }
+  return points_m;
+}
+
+TEST(Ground, IsNotWhatIsSeenThroughNearerGround) {
+  Random random(9);
+  // A ray to an image meets the ground in the same cell or up to one nearer: there, images count.
+  constexpr double kAtMostBelow_m = 1.5;
+  for (const double ground_m : {-1.2, -1.8}) {
+    const Ground ground = GroundOf(WetGroundBeforeAHouse(&random, ground_m));
+    for (int i = 0; i < 100; ++i) {
+      const Eigen::Vector3d p = random.InBox({-20, -20, 0}, {20, 20, 30});
+      const double height_m = ground.HeightAbove(p.cast<float>());
+      EXPECT_GT(height_m, p.z() - ground_m - kNoise_m) << p.transpose();
+      EXPECT_LT(height_m, p.z() - ground_m + kAtMostBelow_m) << p.transpose();
+    }
+  }
+}
+
+// Crowns all about a mast, level with its top, and ground that is seen through their gaps.
+TEST(Ground, IsSeenThroughCrowns) {
+  constexpr double kCrowns_m = 12.0;
+  Random random(10);
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 8000; ++i) {
+    Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+    p.z() = p.norm() < kCrowns_m ? random.Uniform(-3.0, 3.0) : -8.0 + random.Normal(0.03);
+    points_m.emplace_back(p.cast<float>());
+  }
+  const Ground ground = GroundOf(points_m);
+  for (const float x : {-20.0F, 16.0F, 22.0F}) {
+    EXPECT_NEAR(ground.HeightAbove({x, 3.0F, 0.0F}), 8.0, kNoise_m);
+  }
+}
+
 TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {
   Random random(7);
   const Ground ground = GroundOf(SlopeUnderClutter(&random));

@@ -118,9 +118,9 @@ void Ground::SetHeights(const PointsView& points_m) {
   });
 }
 
-// The nearest cells first, so that flat ground hides from the station what lies behind it: points
+// The nearest cells first, so that flat ground below the station hides what lies behind it: points
 // below its horizon are images that a wet ground mirrors. Crowns and walls, which are not flat,
-// hide nothing, as sensors see through gaps in them.
+// hide nothing, as sensors see through gaps in them and past them.
 void Ground::SetHeightsOutwards() {
   outwards_.resize(cells_.size());
   std::iota(outwards_.begin(), outwards_.end(), 0U);
@@ -142,7 +142,7 @@ void Ground::SetHeightsOutwards() {
     // Shallow images are above the horizon, which the distance of a cell blurs.
     const bool has_images = begin != first;
     cell.height_m = has_images ? LowestLayerM(begin, end) : Quantile(begin, end, kQuantile);
-    if (IsFlat(begin, end, cell.height_m + kPlaneBandM)) {
+    if (cell.height_m < 0.0 && IsFlat(begin, end, cell.height_m + kPlaneBandM)) {
       cell.horizon = std::max(cell.horizon, (cell.height_m - kPlaneBandM) / distance_m);
     }
   }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -132,6 +133,22 @@ TEST(Ground, IsSeenThroughCrowns) {
   for (const float x : {-20.0F, 16.0F, 22.0F}) {
     EXPECT_NEAR(ground.HeightAbove({x, 3.0F, 0.0F}), 8.0, kNoise_m);
   }
+}
+
+// A wall all about that one beam hits, above the station, and a hollow that others see past it.
+TEST(Ground, IsSeenPastWhatABeamShowsAboveTheStation) {
+  Random random(11);
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 8000; ++i) {
+    Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+    const bool is_wall = std::abs(std::max(std::abs(p.x()), std::abs(p.y())) - 10.0) < 2.0;
+    const bool is_hollow = p.x() > 16.0 && p.x() < 20.0 && p.y() > 0.0 && p.y() < 4.0;
+    p.z() = (is_wall ? 0.4 : (is_hollow ? -2.5 : -1.8)) + random.Normal(0.03);
+    points_m.emplace_back(p.cast<float>());
+  }
+  const Ground ground = GroundOf(points_m);
+  EXPECT_NEAR(ground.HeightAbove({18.0F, 2.0F, 0.0F}), 2.5, kNoise_m);
+  EXPECT_NEAR(ground.HeightAbove({-18.0F, 2.0F, 0.0F}), 1.8, kNoise_m);
 }
 
 TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {

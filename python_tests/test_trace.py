@@ -117,7 +117,7 @@ def test_a_sky_without_a_return_has_frames_and_no_path(tmp_path: Path) -> None:
     ("options", "rejection"),
     [
         (NEAR_GROUND, "near_ground"),
-        (("--set", "robust.min_return_rate_m2_per_s=1e9"), "weak_return"),
+        (("--set", "robust.min_cross_section_m2=1e6"), "weak_return"),
         (("--set", "robust.min_plots=1000"), "too_few_detections"),
     ],
 )

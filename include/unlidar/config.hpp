@@ -133,8 +133,8 @@ struct RobustConfig {
   double window_margin_s = 5.0;
   int min_plots = 5;          // frames with evidence: clutter that repeats is not independent
   double off_ground_m = 2.0;  // people and vehicles are no higher above ground
-  double min_return_rate_m2_per_s = 150.0;  // an insect returns less
-  std::vector<Rule> disabled_rules;         // for ablations
+  double min_cross_section_m2 = 0.006;  // an insect or a leaf has less
+  std::vector<Rule> disabled_rules;     // for ablations
   BackgroundConfig background;
   SupportConfig support;
   PlotConfig plots;

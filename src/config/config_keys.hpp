@@ -88,7 +88,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("robust.window_margin_s", robust.window_margin_s, Range{0, 15});
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
-  visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
+  visit("robust.min_cross_section_m2", robust.min_cross_section_m2, Range{0, 1e6});
   visit("robust.disabled_rules", robust.disabled_rules,
         Subset<Rule>{{{{"transient", Rule::kTransient},
                        {"dwell", Rule::kDwell},
@@ -213,11 +213,12 @@ struct FormerKey {
   std::string_view now;  // the key that replaces it; empty: none does
 };
 
-inline constexpr std::array<FormerKey, 40> kFormerKeys{{
+inline constexpr std::array<FormerKey, 41> kFormerKeys{{
     {"robust.background.max_break_s", "robust.background.max_dwell_gap_s"},
     {"robust.collect.body_sigma_m", "robust.collect.extent_sigma_m"},
     {"robust.collect.facing_side", "robust.collect.centroid_offset"},
-    {"robust.min_echo_m2_per_s", "robust.min_return_rate_m2_per_s"},
+    {"robust.min_echo_m2_per_s", "robust.min_cross_section_m2"},
+    {"robust.min_return_rate_m2_per_s", "robust.min_cross_section_m2"},
     {"robust.tracker.echo_m2_per_s", "robust.tracker.return_rate_m2_per_s"},
     {"robust.tracker.even_birth_share", "robust.tracker.uniform_birth_share"},
     {"robust.tracker.manoeuvre_log", "robust.tracker.manoeuvre_log_probability"},

@@ -203,4 +203,50 @@ double WatchedElevations::BeamStepM(const Eigen::Vector3d& ray_m) const {
   return bands * 2.0 / static_cast<double>(kBands) * ray_m.squaredNorm() / level_m;
 }
 
+void SightDensity::AddFrame(PointsView points_m, const CarrierPose& carrier) {
+  constexpr std::size_t kSampledReturns = 1000;
+  constexpr float kMaxFrames = 65'536.0F;
+  if (points_m.size() == 0) return;
+  const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
+  // Odd: a frame of a spinning sensor has its beams, a power of two, over and over.
+  const std::size_t stride = (points_m.size() / kSampledReturns) | 1U;
+  for (std::size_t i = 0; i < points_m.size(); i += stride) {
+    const Eigen::Vector3f ray_m = to_carrier * (points_m[i] - carrier.shift_m);
+    const auto band = static_cast<std::size_t>(BandOf(ray_m.cast<double>(), kBands));
+    returns_[std::min(band, kBands - 1) * kAzimuthColumns + AzimuthColumn(ray_m)] +=
+        static_cast<float>(stride);
+  }
+  num_frames_ += 1.0F;
+  if (num_frames_ < kMaxFrames) return;
+  for (float& returns : returns_) returns /= 2.0F;
+  num_frames_ /= 2.0F;
+}
+
+// Beams may be up to two bands apart, and the field of view may end within a band: a cell counts
+// with the one above or below it, whichever has more.
+void SightDensity::Update() {
+  constexpr double kSparseShare = 0.1;
+  constexpr double kCellSr = 4.0 * M_PI / static_cast<double>(kBands * kAzimuthColumns);
+  struct Cell {
+    float of_pair;
+    float own;
+  };
+  std::array<Cell, kBands * kAzimuthColumns> cells;
+  double left = 0.0;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const float below = i >= kAzimuthColumns ? returns_[i - kAzimuthColumns] : 0.0F;
+    const float above = i + kAzimuthColumns < cells.size() ? returns_[i + kAzimuthColumns] : 0.0F;
+    cells[i] = {returns_[i] + std::max(below, above), returns_[i]};
+    left += kSparseShare * static_cast<double>(returns_[i]);
+  }
+  std::sort(cells.begin(), cells.end(), By(&Cell::of_pair));
+  for (const Cell& cell : cells) {
+    left -= static_cast<double>(cell.own);
+    if (left > 0.0) continue;
+    per_sr_ = num_frames_ > 0.0F ? static_cast<double>(cell.of_pair / num_frames_) / (2.0 * kCellSr)
+                                 : 0.0;
+    return;
+  }
+}
+
 }  // namespace unlidar

@@ -112,4 +112,26 @@ class WatchedElevations {
   std::array<float, kBands> beam_steps_{};       // bands from beam to beam
 };
 
+// Lines of sight of a frame per steradian, told from the directions of its returns: the sky yields
+// none.
+class SightDensity {
+ public:
+  // `points_m`: relative to the viewpoint of the station.
+  void AddFrame(PointsView points_m, const CarrierPose& carrier);
+
+  // Lets PerSr() tell by all frames so far; until then it is 0.
+  void Update();
+
+  // Returns the density that nine in ten returns exceed: of an uneven sensor, that of its sparse
+  // parts. Where a band ends at the edge of the field of view, that of the band beside it counts.
+  double PerSr() const { return per_sr_; }
+
+ private:
+  static constexpr std::size_t kBands = 64;  // of sines, so that all cells are equal
+
+  std::array<float, kBands * kAzimuthColumns> returns_{};  // per cell
+  float num_frames_ = 0.0F;
+  double per_sr_ = 0.0;
+};
+
 }  // namespace unlidar

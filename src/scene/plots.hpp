@@ -66,6 +66,7 @@ struct Plot {
   float column_m = 0.0F;        // length of the column below it in which returns may be a body's
   float watched_below = 1.0F;   // share of that column that has rays, over its own; at most 1
   float beam_step_m = 0.0F;     // from beam to beam across the ray; 0: no gaps between them
+  float sights_per_sr = 0.0F;   // lines of sight of a frame, see SightDensity; 0: unknown
   std::uint32_t num_below = 0;  // returns of its frame in that column
   // Returns of its frame in line with that column, nearer and farther, if it is low and has none.
   std::uint32_t num_before_below = 0;

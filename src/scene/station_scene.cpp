@@ -30,6 +30,7 @@ void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPos
                          OwnVoxels* voxels) {
   occupancy_.AddFrame(points_m, bin, carrier, voxels);
   watched_.AddFrame(points_m, carrier);
+  sight_density_.AddFrame(points_m, carrier);
   if (is_fitted()) return;
   const std::size_t count = std::min(points_m.size(), kElevationReturns - first_returns_m_.size());
   for (std::size_t i = 0; i < count; ++i) first_returns_m_.push_back(points_m[i] - carrier.shift_m);
@@ -53,6 +54,7 @@ void StationScene::FillSupport() {
   occupancy_.GetSupporters(&structure_m_, &are_lasting_);
   support_.Fill(structure_m_, are_lasting_, occupancy_.field_of_view().Edges());
   watched_.Update();
+  sight_density_.Update();
   ++num_fits_;
 }
 
@@ -130,6 +132,7 @@ double StationScene::MeanStrayRate(const IndexView& returns) const {
 void StationScene::SetWatched(const CarrierPose& carrier, Plot* plot) const {
   const Eigen::Matrix3d to_carrier = carrier.rotation.conjugate().toRotationMatrix().cast<double>();
   plot->beam_step_m = static_cast<float>(watched_.BeamStepM(to_carrier * plot->ray_m));
+  plot->sights_per_sr = static_cast<float>(sight_density_.PerSr());
   if (plot->column_m <= kBelowPlotM) return;
   const auto share_between = [&](double low_m, double high_m) {
     return watched_.Share(to_carrier * (plot->ray_m + low_m * Eigen::Vector3d::UnitZ()),

@@ -67,6 +67,7 @@ class StationScene {
   std::vector<Eigen::Vector3f> first_returns_m_;  // for the lowest elevation, until fitted
   double lowest_elevation_rad_ = 0.0;
   WatchedElevations watched_;
+  SightDensity sight_density_;
   Support support_;  // and ground, as of the last fit
   int num_fits_ = 0;
   std::vector<Eigen::Vector3f> structure_m_;  // buffers of fits

@@ -326,7 +326,7 @@ TEST(ConfigErrors, NameTheNearestKeyForAnUnknownOne) {
 
 TEST(ConfigErrors, TellWhatBecameOfAFormerKey) {
   EXPECT_EQ(ReasonOfFile("robust:\n  min_echo_m2_per_s: 150\n"),
-            ":2: robust.min_echo_m2_per_s: unknown key; it is robust.min_return_rate_m2_per_s now");
+            ":2: robust.min_echo_m2_per_s: unknown key; it is robust.min_cross_section_m2 now");
   EXPECT_EQ(ReasonOfFile("robust:\n  ground:\n    cell_m: 4\n"),
             ":2: robust.ground: unknown key; the method has no such setting any more");
   EXPECT_EQ(ReasonOfSet("robust.plots.spot.slope=0"),

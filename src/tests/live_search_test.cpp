@@ -170,7 +170,7 @@ TEST(LiveSearch, EachGateIsReachedAndNamed) {
   EXPECT_EQ(RejectionsOf(few), Names{Rejection::kTooFewDetections});
   EXPECT_EQ(RejectionsOf(config, 0.5), Names{Rejection::kNearGround});
   Config strong = config;
-  strong.robust.min_return_rate_m2_per_s = 1e9;
+  strong.robust.min_cross_section_m2 = 1e6;
   EXPECT_EQ(RejectionsOf(strong), Names{Rejection::kWeakReturn});
   EXPECT_EQ(RejectionsOf(config, 50.0, 0.0), Names{Rejection::kStationary});
   EXPECT_EQ(RejectionsOf(Without(Rule::kStationary), 50.0, 0.0), Names{Rejection::kNone});

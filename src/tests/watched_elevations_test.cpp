@@ -109,5 +109,88 @@ TEST(WatchedElevations, BeamsTiltWithTheirCarrier) {
   EXPECT_EQ(ShareOf(Watched(points_m, carrier), -2.8, -1.7), 0.0);
 }
 
+// Evenly over azimuths from -3 to 3 and all elevations between two, seen by a carrier.
+void AddEvenly(int count, double low_deg, double high_deg, const CarrierPose& carrier,
+               Random* random, std::vector<Eigen::Vector3f>* points_m) {
+  const double low = std::sin(low_deg * kDegree_rad);
+  const double high = std::sin(high_deg * kDegree_rad);
+  for (int i = 0; i < count; ++i) {
+    const double elevation_deg = std::asin(random->Uniform(low, high)) / kDegree_rad;
+    const Eigen::Vector3d ray_m =
+        At(random->Uniform(-3.0, 3.0), elevation_deg, random->Uniform(5.0, 80.0));
+    points_m->emplace_back(carrier.rotation * ray_m.cast<float>() + carrier.shift_m);
+  }
+}
+
+double SteradiansOf(double low_deg, double high_deg) {
+  return 6.0 * (std::sin(high_deg * kDegree_rad) - std::sin(low_deg * kDegree_rad));
+}
+
+TEST(SightDensity, IsThatOfReturnsFromAllDirections) {
+  CarrierPose tilted;
+  tilted.rotation = Eigen::AngleAxisf(0.3F, Eigen::Vector3f::UnitX());
+  tilted.shift_m = {3.0F, 0.0F, -2.0F};
+  for (const CarrierPose& carrier : {CarrierPose{}, tilted}) {
+    Random random(5);
+    SightDensity density;
+    for (int frame = 0; frame < 40; ++frame) {
+      std::vector<Eigen::Vector3f> points_m;
+      AddEvenly(20'000, -30.0, 30.0, carrier, &random, &points_m);
+      density.AddFrame(points_m, carrier);
+    }
+    EXPECT_EQ(density.PerSr(), 0.0);
+    density.Update();
+    const double true_per_sr = 20'000.0 / SteradiansOf(-30.0, 30.0);
+    // Edges of the field of view fill a part of their cells.
+    EXPECT_LT(density.PerSr(), 1.05 * true_per_sr);
+    EXPECT_GT(density.PerSr(), 0.8 * true_per_sr);
+  }
+}
+
+// A sensor whose lower half has five times the lines of sight, and strays all over the sky.
+TEST(SightDensity, IsThatOfSparsePartsButNotOfStrays) {
+  Random random(6);
+  SightDensity density;
+  for (int frame = 0; frame < 40; ++frame) {
+    std::vector<Eigen::Vector3f> points_m;
+    AddEvenly(20'000, -30.0, 0.0, {}, &random, &points_m);
+    AddEvenly(4'000, 0.0, 30.0, {}, &random, &points_m);
+    AddEvenly(500, 30.0, 90.0, {}, &random, &points_m);
+    density.AddFrame(points_m, {});
+  }
+  density.Update();
+  EXPECT_NEAR(density.PerSr(), 4'000.0 / SteradiansOf(0.0, 30.0), 400.0);
+}
+
+// Beams a degree to three apart, each of as many returns.
+TEST(SightDensity, IsTheMeanOfBeamsAndWhatIsBetweenThem) {
+  constexpr int kReturnsOfABeam = 2'000;
+  for (const double step_deg : {1.0, 2.0, 3.0}) {
+    Random random(7);
+    SightDensity density;
+    for (int frame = 0; frame < 40; ++frame) {
+      std::vector<Eigen::Vector3f> points_m;
+      for (double elevation_deg = -15.0; elevation_deg < 15.5; elevation_deg += step_deg) {
+        for (int i = 0; i < kReturnsOfABeam; ++i) {
+          points_m.push_back(At(random.Uniform(-3.0, 3.0), elevation_deg, random.Uniform(5.0, 80.0))
+                                 .cast<float>());
+        }
+      }
+      density.AddFrame(points_m, {});
+    }
+    density.Update();
+    const double true_per_sr = kReturnsOfABeam / SteradiansOf(0.0, step_deg);
+    EXPECT_LT(density.PerSr(), 1.4 * true_per_sr) << step_deg;
+    EXPECT_GT(density.PerSr(), 0.7 * true_per_sr) << step_deg;
+  }
+}
+
+TEST(SightDensity, OfAFrameWithoutReturnsIsUnknown) {
+  SightDensity density;
+  density.AddFrame(std::vector<Eigen::Vector3f>(), {});
+  density.Update();
+  EXPECT_EQ(density.PerSr(), 0.0);
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/algorithms.hpp"
+#include "tracking/cross_section.hpp"
 
 namespace unlidar {
 namespace {
@@ -121,35 +122,6 @@ double HiddenShareBelow(const std::vector<Plot>& path) {
     num_behind += plot.num_behind_below;
   }
   return HiddenShare(num_before, num_behind, 0.0);
-}
-
-// Return rate: returns per second times range^2, of the sensor with the highest rate. A target may
-// be hidden during pauses, so only frames close in time to a plot count.
-double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& path) {
-  std::vector<double> returns(recording.sensors.size(), 0.0);
-  std::vector<Eigen::Vector3d> stations_m(recording.sensors.size(), Eigen::Vector3d::Zero());
-  std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
-  for (const Plot& plot : path) {
-    returns[plot.sensor] += static_cast<double>(plot.num_returns);
-    stations_m[plot.sensor] = plot.ViewpointM() - plot.shift_m.cast<double>();
-  }
-  auto next = path.begin();
-  for (const FrameInfo& frame : recording.frames) {
-    const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
-    while (next + 1 != path.end() &&
-           std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
-      ++next;
-    }
-    if (std::abs(next->time_ns - time_ns) > kBinNs) continue;
-    const Eigen::Vector3d ray_m =
-        next->position_m - stations_m[frame.sensor] - frame.carrier.shift_m.cast<double>();
-    seconds_per_m2[frame.sensor] += SecondsOf(frame.end_ns - frame.begin_ns) / ray_m.squaredNorm();
-  }
-  double highest = 0.0;
-  for (std::size_t s = 0; s < returns.size(); ++s) {
-    if (returns[s] > 0.0) highest = std::max(highest, returns[s] / seconds_per_m2[s]);
-  }
-  return highest;
 }
 
 // True if a path stays above where it is while its sensor travels. Heights do not count: a pole,
@@ -268,8 +240,10 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
   }
   EraseIf(&high, [&](std::uint32_t i) { return path[i].is_above_structure; });
   if (!is_path(high)) return Rejection::kOnStructure;
-  if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
-    return Rejection::kWeakReturn;
+  const std::vector<double> cross_sections_m2 = CrossSectionsM2(recording, path);
+  EraseIf(&high,
+          [&](std::uint32_t i) { return cross_sections_m2[i] <= config.min_cross_section_m2; });
+  if (!is_path(high)) return Rejection::kWeakReturn;
   if (config.Uses(Rule::kStationary) && IsPassedAtRest(path)) return Rejection::kStationary;
   return Rejection::kNone;
 }

@@ -1,4 +1,4 @@
-// Gates on a path beyond its score: detections, height, return rate and crowding.
+// Gates on a path beyond its score: detections, height, cross-section and crowding.
 #pragma once
 
 #include <cstdint>
@@ -36,14 +36,14 @@ Eigen::Vector3d DisplacementM(const std::vector<Plot>& path);
 // threshold.
 using ReachesThreshold = std::function<bool(const Members& numbers)>;
 
-// Returns kNone for a path that has enough detections, is off the ground and has the return rate of
-// a drone. It is off the ground if its plots above the height of people and cars are enough for a
-// path by themselves; where nothing stands below it, plots need only be clear of the ground. Those
-// among them that no structure may carry must be enough, too (kOnStructure): people and vehicles
-// pass over bridges and roofs. Seen from a carrier that travels meanwhile, it must also move over
-// the ground: static objects come into range and leave it height by height, and so look like
-// transient ones.
-// Uses the sensors and frames of the recording, which may be only those about the path.
+// Returns kNone for a path that has enough detections, is off the ground and has the cross-section
+// of a drone. It is off the ground if its plots above the height of people and cars are enough for
+// a path by themselves; where nothing stands below it, plots need only be clear of the ground.
+// Those among them that no structure may carry must be enough, too (kOnStructure): people and
+// vehicles pass over bridges and roofs. Seen from a carrier that travels meanwhile, it must also
+// move over the ground: static objects come into range and leave it height by height, and so look
+// like transient ones. Uses the sensors and frames of the recording, which may be only those about
+// the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
                           const RobustConfig& config);

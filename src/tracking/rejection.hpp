@@ -26,7 +26,7 @@ enum class Rejection {
   kNearGround,        // people and vehicles move as targets do; robust.off_ground_m, _share
   kOnStructure,       // the same on bridges and roofs; rule on_structure
   kStationary,        // at rest: [S] supported, or passed by the sensor; rule stationary
-  kWeakReturn,        // cross-section of an insect; robust.min_return_rate_m2_per_s
+  kWeakReturn,        // cross-section of an insect; robust.min_cross_section_m2
   kCrowded,           // below the threshold given the neighbouring plots of the time; rule crowded
   kPartOfAnotherTrack,  // duplicate: most plots belong to one track; none, its track has them
   kSharesReturns,       // a return belongs to at most one target; none

@@ -104,7 +104,7 @@ GATES = {
     ),
     "weak_return": Meaning(
         "A path returns too little for its range: an insect near the station.",
-        ("robust.min_return_rate_m2_per_s",),
+        ("robust.min_cross_section_m2",),
         "method.md#6-decision",
     ),
     "crowded": Meaning(

@@ -8,8 +8,8 @@ Usage: tools/test.sh [--quick | --sanitize]
 
 Checks the format and lints C++, Python and shell, runs the C++ and the Python tests, then those of
 the program once more with the sanitizers for memory and undefined behaviour, which also measures
-line coverage, those of what runs on several threads with that for data races, and each fuzzer for half
-a minute. Exit code 0 if all of them pass.
+line coverage, those of what runs on several threads with that for data races, and each fuzzer for 20
+seconds. Exit code 0 if all of them pass.
 
   --quick     without sanitizers, coverage and fuzzers: while working on something
   --sanitize  only the tests with sanitizers and the line coverage
@@ -165,7 +165,7 @@ if does sanitize; then
     -R "^($(IFS='|'; printf '%s' "${threaded_tests[*]}"))\$"
 fi
 if does fuzz; then
-  check "Fuzzers" tools/fuzz.sh 30s
+  check "Fuzzers" tools/fuzz.sh 20s
 fi
 
 say "What took how long"

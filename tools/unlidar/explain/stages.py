@@ -103,7 +103,7 @@ GATES = {
         "live.md#why-was-it-lost",
     ),
     "weak_return": Meaning(
-        "A path returns too little for its range: an insect near the station.",
+        "A path returns from too few of the lines of sight at its range: an insect, a leaf.",
         ("robust.min_cross_section_m2",),
         "method.md#6-decision",
     ),

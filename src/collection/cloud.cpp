@@ -314,4 +314,10 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
   return rejections;
 }
 
+bool IsCertainlyNoCloud(const Recording& recording, const std::vector<StationModel>& station_models,
+                        const std::vector<Plot>& plots, const Target& target,
+                        const RobustConfig& config) {
+  return ShapeOf(recording, station_models, plots, target, config).IsCertainlyNoCloud();
+}
+
 }  // namespace unlidar

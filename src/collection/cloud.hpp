@@ -53,6 +53,9 @@ class Shape {
   // scatter as a volume.
   bool MayBeCloud() const;
 
+  // True if it is certainly narrow, and nothing hints at a cloud.
+  bool IsCertainlyNoCloud() const { return StaysNarrow() && !MayBeCloud(); }
+
   // Removes all frames.
   void Clear();
 
@@ -153,5 +156,10 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<Plot>& plots,
                                        const std::vector<Target>& targets,
                                        const RobustConfig& config);
+
+// True if a target of a recording is certainly no cloud, nor a part of one.
+bool IsCertainlyNoCloud(const Recording& recording, const std::vector<StationModel>& station_models,
+                        const std::vector<Plot>& plots, const Target& target,
+                        const RobustConfig& config);
 
 }  // namespace unlidar

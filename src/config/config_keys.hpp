@@ -117,6 +117,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"cloud", Rule::kCloud},
                        {"growth", Rule::kGrowth},
                        {"volume_scattering", Rule::kVolumeScattering},
+                       {"cloud_parts", Rule::kCloudParts},
                        {"insect", Rule::kInsect}}}});
 
   auto& background = robust.background;

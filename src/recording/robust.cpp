@@ -70,6 +70,9 @@ class TargetSearch {
       verdicts_[path_of_[t]].rejection = rejections[t];
       if (rejections[t] == Rejection::kNone) kept.push_back(std::move(targets_[t]));
     }
+    for (std::size_t t = 0; t < targets_.size() && config_.Uses(Rule::kCloudParts); ++t) {
+      if (rejections[t] == Rejection::kCloud) AddPartOfCloud(t, &kept);
+    }
     return kept;
   }
 
@@ -95,11 +98,9 @@ class TargetSearch {
     verdicts_.clear();
     bool has_target = false;
     std::vector<char> are_free(plots_.size(), 1);
-    const std::vector<double> log_births = LogBirths(plots_, scan_schedule_, config_.tracker);
-    const PathGates gates(PathScorer(plots_, log_births, scan_schedule_, config_.tracker),
-                          score_threshold_, recording_, found_.bodies(), config_);
-    const PathScorer joins(plots_, log_births, scan_schedule_, config_.tracker,
-                           TimeOutOfView::kLogUniform);
+    log_births_ = LogBirths(plots_, scan_schedule_, config_.tracker);
+    const PathGates gates = Gates();
+    const PathScorer joins = JoinScorer();
     const auto rejection_of = [&](const Path& path) {
       return path.score < score_threshold_ ? Rejection::kBelowThreshold
                                            : gates.RejectionOf(path.plots);
@@ -136,6 +137,15 @@ class TargetSearch {
     return has_target;
   }
 
+  PathGates Gates() const {
+    return {PathScorer(plots_, log_births_, scan_schedule_, config_.tracker), score_threshold_,
+            recording_, found_.bodies(), config_};
+  }
+
+  PathScorer JoinScorer() const {
+    return {plots_, log_births_, scan_schedule_, config_.tracker, TimeOutOfView::kLogUniform};
+  }
+
   std::uint32_t NumFramesAbout(const Plot& plot) const {
     const TimeBins& bins = *station_models_[plot.sensor].bins;
     return bins.NumFrames(plot.sensor,
@@ -162,6 +172,43 @@ class TargetSearch {
     targets_.push_back(std::move(target));
     path_of_.push_back(k);
     return Rejection::kNone;
+  }
+
+  // A drone that appears within reach of a cloud, seconds later or before, is joined to its path.
+  // Keeps the side of the longest pause that is a path by itself and certainly no cloud.
+  void AddPartOfCloud(std::size_t t, std::vector<Target>* kept) {
+    const std::size_t k = path_of_[t];
+    Mark(targets_[t], 0);
+    const std::vector<std::uint32_t> plots = paths_[k].plots;
+    const auto pause_before = [&](std::uint32_t before, std::uint32_t after) {
+      return plots_[after].time_ns - plots_[before].time_ns;
+    };
+    std::size_t cut = 0;
+    for (std::size_t i = 1; i < plots.size(); ++i) {
+      if (cut == 0 ||
+          pause_before(plots[i - 1], plots[i]) > pause_before(plots[cut - 1], plots[cut])) {
+        cut = i;
+      }
+    }
+    const auto behind = plots.begin() + static_cast<std::ptrdiff_t>(cut);
+    for (const Members& side : {Members(behind, plots.end()), Members(plots.begin(), behind)}) {
+      Path part = JoinScorer().WithScore(side);
+      std::vector<Plot> members = FreePlotsOf(part);
+      if (part.score < score_threshold_ || !HasMinFrames(members, config_.min_plots) ||
+          Gates().RejectionOf(part.plots) != Rejection::kNone) {
+        continue;
+      }
+      const Path whole = std::exchange(paths_[k], std::move(part));
+      Target target;
+      if (Collect(k, std::move(members), &target) == Rejection::kNone &&
+          IsCertainlyNoCloud(recording_, station_models_, plots_, target, config_)) {
+        Mark(target, 1);
+        kept->push_back(std::move(target));
+        verdicts_[k].rejection = Rejection::kNone;
+        return;
+      }
+      paths_[k] = whole;
+    }
   }
 
   // Returns the plots of a path without excluded returns.
@@ -251,7 +298,8 @@ class TargetSearch {
   ScanSchedule scan_schedule_;
   std::vector<StationModel> station_models_;
   double score_threshold_;
-  std::vector<char> assigned_;  // (plots)
+  std::vector<double> log_births_;  // (plots)
+  std::vector<char> assigned_;      // (plots)
   std::vector<Path> paths_;
   std::vector<PathVerdict> verdicts_;   // (paths)
   std::vector<char> excluded_;          // returns of bodies and of targets

@@ -223,6 +223,26 @@ TEST(FindTargetsRobust, ReportsNoHeadsAboveTheParapetOfABridgeButTheDroneAboveTh
   }
 }
 
+// A path may go on from one to the other, and is refused by its width.
+TEST(FindTargetsRobust, ADroneThatAppearsBesideACloudIsNoPartOfIt) {
+  const Flight drone = [](double time_s) -> Eigen::Vector3d {
+    return {10.0, 3.4 - 1.5 * (time_s - 8.0), 5.5};
+  };
+  const Filler fill = [&](double time_s, RecordingMaker* maker) {
+    if (time_s < 6.0) maker->AddBlob({10.0, 1.0 + 0.4 * time_s, 5.0}, 0.5, 6);
+    if (time_s > 8.0) maker->AddBlob(drone(time_s), 0.08, maker->random.Poisson(4.0), kDrone);
+  };
+  RobustConfig without;
+  without.disabled_rules = {Rule::kCloudParts};
+  int num_lost = 0;
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
+    const Recording recording = Yard(seed, fill).recording;
+    ExpectOneDrone(Find(recording), drone, 3.5);
+    num_lost += FindTargetsRobust(recording, without, TrajectoryConfig()).targets.empty() ? 1 : 0;
+  }
+  EXPECT_GT(num_lost, 0);
+}
+
 TEST(FindTargetsRobust, FindsNothingInAnEmptySky) {
   for (std::uint32_t seed = 0; seed < testing::Draws(20U); ++seed) {
     const RecordingMaker maker = Yard(seed, [](double, RecordingMaker*) {});

@@ -123,7 +123,7 @@ enum class Rule {
   kCloud,             // steam, smoke, dust,
   kGrowth,            // which grow, as a body does not,
   kVolumeScattering,  // and are seen into,
-  kCloudParts,        // [R] of whose paths a part that is certainly none is kept,
+  kCloudParts,        // [R] but for a part of their path that is certainly none,
   kInsect             // targets narrower than any drone
 };
 

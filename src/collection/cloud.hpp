@@ -157,7 +157,8 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<Target>& targets,
                                        const RobustConfig& config);
 
-// True if a target of a recording is certainly no cloud, nor a part of one.
+// True if a target of a recording is certainly no cloud, nor a part of one; the others are as in
+// ShapeRejections(). Never true without the rule on growth, which tells how small a cloud can stay.
 bool IsCertainlyNoCloud(const Recording& recording, const std::vector<StationModel>& station_models,
                         const std::vector<Plot>& plots, const Target& target,
                         const RobustConfig& config);

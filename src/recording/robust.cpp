@@ -101,10 +101,6 @@ class TargetSearch {
     log_births_ = LogBirths(plots_, scan_schedule_, config_.tracker);
     const PathGates gates = Gates();
     const PathScorer joins = JoinScorer();
-    const auto rejection_of = [&](const Path& path) {
-      return path.score < score_threshold_ ? Rejection::kBelowThreshold
-                                           : gates.RejectionOf(path.plots);
-    };
     const auto other_side_of = [&](const auto& before, const auto& after) {
       const bool begins_without = gates.IsNoDrone(before);
       if (begins_without == gates.IsNoDrone(after)) return OtherSide::kNone;
@@ -112,11 +108,11 @@ class TargetSearch {
     };
     for (Path& path : paths_) {
       PathVerdict& verdict = verdicts_.emplace_back();
-      verdict.rejection = rejection_of(path);
+      verdict.rejection = RejectionOf(path, gates);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config_.Uses(Rule::kPause) && CutAtPauses(joins, other_side_of, &path)) {
         path = joins.WithScore(path.plots);
-        verdict.rejection = rejection_of(path);
+        verdict.rejection = RejectionOf(path, gates);
         if (verdict.rejection != Rejection::kNone) continue;
       }
       if (config_.Uses(Rule::kCrowded)) {
@@ -146,6 +142,11 @@ class TargetSearch {
     return {plots_, log_births_, scan_schedule_, config_.tracker, TimeOutOfView::kLogUniform};
   }
 
+  Rejection RejectionOf(const Path& path, const PathGates& gates) const {
+    return path.score < score_threshold_ ? Rejection::kBelowThreshold
+                                         : gates.RejectionOf(path.plots);
+  }
+
   std::uint32_t NumFramesAbout(const Plot& plot) const {
     const TimeBins& bins = *station_models_[plot.sensor].bins;
     return bins.NumFrames(plot.sensor,
@@ -155,7 +156,7 @@ class TargetSearch {
   // Collects the target of a path, or extends another one by it if both are one.
   Rejection Add(std::size_t k) {
     const Path& path = paths_[k];
-    std::vector<Plot> members = FreePlotsOf(path);
+    std::vector<Plot> members = FreePlotsOf(path.plots);
     if (2 * members.size() < path.plots.size()) {
       // A drone that yields two plots per frame leaves a second path beside the first, which may
       // continue beyond its end.
@@ -179,25 +180,22 @@ class TargetSearch {
   void AddPartOfCloud(std::size_t t, std::vector<Target>* kept) {
     const std::size_t k = path_of_[t];
     Mark(targets_[t], 0);
-    const std::vector<std::uint32_t> plots = paths_[k].plots;
-    const auto pause_before = [&](std::uint32_t before, std::uint32_t after) {
-      return plots_[after].time_ns - plots_[before].time_ns;
-    };
-    std::size_t cut = 0;
-    for (std::size_t i = 1; i < plots.size(); ++i) {
-      if (cut == 0 ||
-          pause_before(plots[i - 1], plots[i]) > pause_before(plots[cut - 1], plots[cut])) {
-        cut = i;
-      }
+    const Members path = paths_[k].plots;
+    TimeNs longest_ns = 0;
+    auto behind = path.begin();
+    for (auto next = path.begin() + 1; next != path.end(); ++next) {
+      const TimeNs pause_ns = plots_[*next].time_ns - plots_[next[-1]].time_ns;
+      if (pause_ns <= longest_ns) continue;
+      longest_ns = pause_ns;
+      behind = next;
     }
-    const auto behind = plots.begin() + static_cast<std::ptrdiff_t>(cut);
-    for (const Members& side : {Members(behind, plots.end()), Members(plots.begin(), behind)}) {
-      Path part = JoinScorer().WithScore(side);
-      std::vector<Plot> members = FreePlotsOf(part);
-      if (part.score < score_threshold_ || !HasMinFrames(members, config_.min_plots) ||
-          Gates().RejectionOf(part.plots) != Rejection::kNone) {
-        continue;
-      }
+    const PathGates gates = Gates();
+    const PathScorer joins = JoinScorer();
+    for (const Members& side : {Members(behind, path.end()), Members(path.begin(), behind)}) {
+      std::vector<Plot> members = FreePlotsOf(side);
+      if (!HasMinFrames(members, config_.min_plots)) continue;
+      Path part = joins.WithScore(side);
+      if (RejectionOf(part, gates) != Rejection::kNone) continue;
       const Path whole = std::exchange(paths_[k], std::move(part));
       Target target;
       if (Collect(k, std::move(members), &target) == Rejection::kNone &&
@@ -212,8 +210,8 @@ class TargetSearch {
   }
 
   // Returns the plots of a path without excluded returns.
-  std::vector<Plot> FreePlotsOf(const Path& path) const {
-    std::vector<Plot> members = ValuesAt(path.plots, plots_);
+  std::vector<Plot> FreePlotsOf(const Members& path) const {
+    std::vector<Plot> members = ValuesAt(path, plots_);
     EraseIf(&members, [&](const Plot& plot) { return HasAnyOf(plot, excluded_); });
     return members;
   }
@@ -282,7 +280,7 @@ class TargetSearch {
     std::sort(path.plots.begin(), path.plots.end());
     Mark(target, 0);
     Target whole;
-    if (Collect(path_of_[owner], FreePlotsOf(path), &whole) == Rejection::kNone) {
+    if (Collect(path_of_[owner], FreePlotsOf(path.plots), &whole) == Rejection::kNone) {
       target = std::move(whole);
     } else {
       path = before;

@@ -223,7 +223,7 @@ TEST(FindTargetsRobust, ReportsNoHeadsAboveTheParapetOfABridgeButTheDroneAboveTh
   }
 }
 
-// A path may go on from one to the other, and is refused by its width.
+// A path may go on from the cloud to the drone, and is refused by its width.
 TEST(FindTargetsRobust, ADroneThatAppearsBesideACloudIsNoPartOfIt) {
   const Flight drone = [](double time_s) -> Eigen::Vector3d {
     return {10.0, 3.4 - 1.5 * (time_s - 8.0), 5.5};
